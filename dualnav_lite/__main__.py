@@ -1,0 +1,234 @@
+"""The commands: `python -m dualnav_lite --help`. Exit codes: 0 done, 1 something stayed undone, 2 unusable input."""
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dualnav_lite import __version__
+from dualnav_lite.config import UnusableInput
+from dualnav_lite.episodes import SEEDS
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+TEST_SEED = SEEDS["test"].start
+CORES = os.cpu_count() or 1
+INTERRUPTED = 130
+
+Seeds = Annotated[int, typer.Option(min=0, help="First seed; 2000000 upward are the published test seeds.")]
+Episodes = Annotated[int, typer.Option(min=1, help="Seeds of each scenario.")]
+Jobs = Annotated[int, typer.Option(min=1, help="Worker processes.")]
+
+
+def words(text: str) -> list[str]:
+    """The parts of a comma-separated option.
+
+    Raises:
+        UnusableInput: there are none.
+    """
+    found = [part.strip() for part in text.split(",") if part.strip()]
+    if not found:
+        raise UnusableInput(f"expected names separated by commas, got '{text}'")
+    return list(dict.fromkeys(found))
+
+
+def shard_of(text: str) -> tuple[int, int]:
+    """(k, n) of `k/n`.
+
+    >>> shard_of("2/8")
+    (2, 8)
+    """
+    try:
+        index, count = (int(part) for part in text.split("/"))
+    except ValueError:
+        raise UnusableInput(f"a shard reads k/n, such as 2/8; got '{text}'") from None
+    return index, count
+
+
+@app.command()
+def stress(
+    arms: Annotated[str, typer.Option(help="Planners, separated by commas.")] = "astar,cv_sampling",
+    episodes: Episodes = 100,
+    long_runs: Annotated[int, typer.Option(min=1, help="Seeds of the three-hour scenario.")] = 1,
+    quick: Annotated[bool, typer.Option("--quick", help="5 seeds; the three hours by the first arm alone.")] = False,
+    seed_base: Seeds = TEST_SEED,
+    jobs: Jobs = CORES,
+    out: Annotated[Path | None, typer.Option(help="Results folder; stress_tests/results if not given.")] = None,
+) -> int:
+    """The stress scenarios through papermill; prints the survival table."""
+    from dualnav_lite.planners import make_planner
+    from dualnav_lite.stress import FOLDER, run_stress, table_lines
+
+    chosen = words(arms)
+    for arm in chosen:
+        make_planner(arm)  # a wrong name ends here, not minutes later in a notebook
+    command = " ".join(["python -m dualnav_lite", *sys.argv[1:]])
+    folder = out or FOLDER / "results"
+    short, long = (5, chosen[:1]) if quick else (episodes, chosen)
+    table, failed = run_stress(chosen, short, long, long_runs, seed_base, jobs, folder, command)
+    print("\n".join(table_lines(table)))
+    print(f"\nreport, rows and executed notebooks: {folder}")
+    return 1 if failed else 0
+
+
+@app.command()
+def evaluate(
+    arms: Annotated[str, typer.Argument(help="Planners, separated by commas.")],
+    scenarios: Annotated[str, typer.Option(help="Scenario ids or YAML files, separated by commas.")] = "navigation",
+    episodes: Episodes = 100,
+    seed_base: Seeds = TEST_SEED,
+    jobs: Jobs = CORES,
+    shard: Annotated[str, typer.Option(help="k/n: run every n-th chunk from the k-th.")] = "1/1",
+    config: Annotated[Path | None, typer.Option(help="config.yaml to use; the defaults if not given.")] = None,
+    preference: Annotated[float | None, typer.Option(help="0 all safety, 1 all thrift.")] = None,
+    out: Annotated[Path, typer.Option(help="Results folder.")] = Path("results"),
+) -> int:
+    """Any planners over scenarios and seeds, to episodes.csv and survival.csv; goes on where it was stopped."""
+    from dualnav_lite.config import load_config, write_atomic
+    from dualnav_lite.evaluate import evaluate as run
+    from dualnav_lite.stress import table_lines
+    from dualnav_lite.survival import survival
+
+    if config and not config.exists():
+        raise UnusableInput(f"{config}: no such file")
+    rows = run(
+        words(arms),
+        words(scenarios),
+        range(seed_base, seed_base + episodes),
+        out,
+        config=load_config(config),
+        preference=preference,
+        jobs=jobs,
+        shard=shard_of(shard),
+    )
+    table = survival(rows)
+    write_atomic(out / "survival.csv", table.to_csv(index=False, lineterminator="\n"))
+    print("\n".join(table_lines(table)))
+    return 0
+
+
+@app.command()
+def bench(
+    seconds: Annotated[float, typer.Option(min=0.05, help="Time for each measurement.")] = 2.0,
+    peers: Annotated[bool, typer.Option("--peers/--no-peers", help="Measure other simulators in the same run.")] = True,
+    out: Annotated[Path, typer.Option(help="Folder of bench.csv.")] = Path("results"),
+) -> int:
+    """Speed of everything that is waited for; exit 1 where a first target is missed."""
+    from dualnav_lite.bench import run
+
+    rows = run(out, seconds=seconds, with_peers=peers)
+    return 1 if any(row.verdict == "below" for row in rows) else 0
+
+
+@app.command()
+def figures(
+    names: Annotated[str, typer.Argument(help="Figures, separated by commas; all if not given.")] = "",
+    lang: Annotated[str, typer.Option(help="en or zh.")] = "en",
+    formats: Annotated[str, typer.Option(help="Of png, svg and pdf, separated by commas.")] = "png",
+    out: Annotated[Path | None, typer.Option(help="Folder; docs/figures if not given.")] = None,
+) -> int:
+    """Draw the figures of the documentation."""
+    from dualnav_lite.figures import make_figures
+    from dualnav_lite.notebooks import ROOT
+
+    folder = out or ROOT / "docs" / "figures"
+    made = make_figures(folder, lang, words(names) if names else None, formats=tuple(words(formats)))
+    print("\n".join(str(path) for path in made))
+    return 0
+
+
+@app.command()
+def train(
+    config: Annotated[Path, typer.Option(help="What to do: training/lesson.yaml, training/record.yaml, ...")],
+    run: Annotated[str, typer.Option(help="Name of the run's folder; the config's name and the seed if empty.")] = "",
+    seed: Annotated[int | None, typer.Option(min=0, help="In place of the config's.")] = None,
+    jobs: Jobs = CORES,
+    out: Annotated[Path | None, typer.Option(help="Folder for the policy; the run's folder if not given.")] = None,
+    device: Annotated[str, typer.Option(help="Where the networks learn: auto, cpu or cuda.")] = "auto",
+) -> int:
+    """Imitation and PPO from a config: progress, checkpoints, logs; the same command goes on where it was stopped."""
+    from dualnav_lite.train import TrainingStopped
+    from dualnav_lite.train import train as run_training
+
+    try:
+        run_training(config, run or None, seed, jobs, out, device)
+    except TrainingStopped as error:
+        print(f"stopped: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+@app.command()
+def notebooks(
+    check: Annotated[bool, typer.Option("--check", help="Change nothing; exit 1 where something differs.")] = False,
+    take_back: Annotated[str, typer.Option(help="Bring an edit made in JupyterLab into the source, as in 00.")] = "",
+) -> int:
+    """Rebuild every notebook from its source in src/."""
+    from dualnav_lite import notebooks as pipeline
+
+    if take_back:
+        print(f"taken back into src/{pipeline.take_back(take_back).name}")
+        return 0
+    changed = pipeline.rebuild(check=check)
+    for path in changed:
+        print(f"{'differs from its source' if check else 'rebuilt'}: {path.parent.name}/{path.name}")
+    if not changed:
+        print("every notebook is what its source makes")
+    return 1 if check and changed else 0
+
+
+@app.command()
+def doctor() -> int:
+    """What works on this machine: versions, sandbox, fonts, browser, cores, speed."""
+    from dualnav_lite.doctor import findings
+
+    problems = 0
+    for finding in findings():
+        problems += finding.is_problem
+        print(f"{'PROBLEM' if finding.is_problem else 'ok':<8}{finding.subject:<14}{finding.text}", flush=True)
+    return 1 if problems else 0
+
+
+@app.command()
+def warm() -> int:
+    """Compile every kernel now, so that no later command waits for it."""
+    from dualnav_lite.warm import warm_kernels
+
+    warm_kernels()
+    return 0
+
+
+@app.callback(invoke_without_command=True)
+def common(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and end.")] = False,
+) -> None:
+    """dualnav-lite: robot navigation by reinforcement learning, safe and thrifty at once.
+
+    Exit codes: 0 done, 1 a result falls short or something stayed undone, 2 unusable input.
+    """
+    if version:
+        print(__version__)
+    elif context.invoked_subcommand is None:
+        print(context.get_help())
+        raise typer.Exit(2)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a command and give its exit code; what cannot be used ends in one line on stderr and code 2."""
+    try:
+        code = app(arguments, standalone_mode=False) or 0
+    except (UnusableInput, typer.TyperException) as error:
+        message = getattr(error, "format_message", error.__str__)()
+        print(f"error: {' '.join(message.split())}", file=sys.stderr)
+        return 2
+    except (KeyboardInterrupt, typer.Abort):
+        code = INTERRUPTED
+    if code == INTERRUPTED:  # typer turns Ctrl-C into this code by itself, without a word
+        print("\ninterrupted; the same command goes on from here", file=sys.stderr)
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

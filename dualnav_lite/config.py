@@ -1,0 +1,241 @@
+"""Every number of the kit that is not a scenario: frozen, checked, written out in full on first use."""
+
+import os
+import tempfile
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+
+class UnusableInput(ValueError):
+    """A config, scenario, file or folder that cannot be used; its text is one line a person can act on."""
+
+
+class Frozen(BaseModel):
+    """A block of settings that refuses unknown keys and cannot change after it was read."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class Hardware(Frozen):
+    """Limits of the real motors (article 4.3); `action_space` is their box."""
+
+    max_lin_vel: Positive = 0.8  # [m/s]
+    max_ang_vel: Positive = 1.2  # [rad/s]
+
+
+class Robot(Frozen):
+    """Differential drive, its wheel loop and its odometry."""
+
+    hull_radius_m: Positive = 0.20
+    track_width_m: Positive = 0.30
+    mass_kg: Positive = 15.0
+    max_lin_acc_m_s2: Positive = 1.0
+    max_ang_acc_rad_s2: Positive = 2.5
+    motor_lag_s: NonNegative = 0.05
+    pid_kp: NonNegative = 1.2
+    pid_ki: NonNegative = 4.0
+    pid_kd: NonNegative = 0.01
+    odometry_distance_drift: NonNegative = 0.01  # standard deviation of the scale error of an episode
+    odometry_heading_drift: NonNegative = 0.01  # standard deviation of the turning scale error of an episode
+
+
+class Power(Frozen):
+    """Watts: idle + linear |v| + quadratic v^2 + turn |omega| + turn_quadratic omega^2 + mass max(0, v dv/dt)."""
+
+    idle_w: NonNegative = 5.0
+    linear_w_s_m: NonNegative = 8.0
+    quadratic_w_s2_m2: NonNegative = 20.0
+    turn_w_s: NonNegative = 6.0
+    turn_quadratic_w_s2: NonNegative = 4.0
+    capacity_wh: Positive = 47.0  # from stress_tests/reference/battery_calibration.csv
+
+
+class Lidar(Frozen):
+    """A full turn of beams at every control step; beam k points at -pi + 2 pi k / beams in the robot's frame."""
+
+    beams: Annotated[int, Field(ge=16, le=4096)] = 1080
+    range_min_m: Positive = 0.05
+    range_max_m: Positive = 10.0
+    label_confusion: Share = 0.02  # share of hits whose surface the semantic front end gets wrong
+
+
+class Map(Frozen):
+    """Rolling semantic map, built online from scans."""
+
+    resolution_m: Positive = 0.1
+    cells: Annotated[int, Field(ge=64, le=512, multiple_of=2)] = 160
+    cache: bool = True  # re-project the last received map by odometry and lay the current scan over it
+
+
+class Guide(Frozen):
+    """Where the policy is told to head next: a point along the planned path, or the goal itself."""
+
+    method: Literal["astar", "goal"] = "astar"
+    distance_m: Positive = 2.5
+    replan_steps: Annotated[int, Field(ge=1)] = 3
+
+
+class Motion(Frozen):
+    """What channel 1 of the observation shows."""
+
+    method: Literal["farneback", "forecast", "scan", "none", "truth"] = "forecast"
+    component: Literal["x", "radial", "speed"] = "x"  # of the optical flow; only Farneback reads it
+
+
+class Observation(Frozen):
+    """Image the policy sees."""
+
+    intensity: bool = True  # the fourth channel (article 4.4)
+    motion: Motion = Motion()
+
+
+class Rewards(Frozen):
+    """Reward terms and their weights; weights of the five terms in the order of `rewards.TERMS`."""
+
+    form: Literal["repaired", "article", "article_fixed"] = "repaired"
+    safe: NonNegative = 0.45
+    dynamic: NonNegative = 0.25
+    energy: NonNegative = 0.20
+    goal: NonNegative = 0.10
+    terminal: NonNegative = 1.0
+    gamma: Annotated[float, Field(gt=0, le=1)] = 0.99  # of the potential-based goal term; keep equal to the trainer's
+
+
+class Config(Frozen):
+    """The whole configuration; `config.yaml` holds exactly these keys."""
+
+    simulator: Literal["pymunk", "highway"] = "pymunk"
+    test_mode: bool = False  # the environment draws the stress scenarios itself (article 5.3)
+    scenario: str = "navigation"
+    preference: Share | Literal["drawn"] = 0.5  # 0 all safety, 1 all thrift
+    control_dt_s: Positive = 0.1
+    physics_dt_s: Positive = 0.02
+    hardware: Hardware = Hardware()
+    robot: Robot = Robot()
+    power: Power = Power()
+    lidar: Lidar = Lidar()
+    map: Map = Map()
+    guide: Guide = Guide()
+    observation: Observation = Observation()
+    rewards: Rewards = Rewards()
+
+    @model_validator(mode="after")
+    def _steps_fit(self):
+        substeps = self.control_dt_s / self.physics_dt_s
+        if abs(substeps - round(substeps)) > 1e-9 or substeps < 1:
+            raise ValueError("control_dt_s must be a whole multiple of physics_dt_s")
+        return self
+
+    @property
+    def substeps(self) -> int:
+        """Physics steps in a control step."""
+        return round(self.control_dt_s / self.physics_dt_s)
+
+
+def _fields_at(model: type[BaseModel], location: tuple) -> list[str]:
+    """Known keys of the block that holds the last part of an error's location."""
+    for part in location[:-1]:
+        field = model.model_fields.get(part)
+        annotation = field.annotation if field else None
+        nested = [t for t in (annotation, *getattr(annotation, "__args__", ())) if isinstance(t, type)]
+        models = [t for t in nested if issubclass(t, BaseModel)]
+        if not models:
+            return []
+        model = models[0]
+    return sorted(model.model_fields)
+
+
+AnyModel = TypeVar("AnyModel", bound=BaseModel)
+
+
+def validated(model: type[AnyModel], values: Any, source: str) -> AnyModel:
+    """An instance of the model, or `UnusableInput` naming the first wrong key and, if unknown, the known ones."""
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"]) or "(top level)"
+        if first["type"] == "extra_forbidden":
+            known = ", ".join(_fields_at(model, first["loc"]))
+            raise UnusableInput(f"{source}: unknown key '{key}'; known keys here: {known}") from None
+        got = "" if isinstance(first["input"], dict) else f", got {first['input']!r}"
+        raise UnusableInput(f"{source}: {key}: {first['msg']}{got}") from None
+
+
+def read_yaml(path: str | Path) -> Any:
+    """Content of a YAML file; `UnusableInput` with file and line where it cannot be read."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise UnusableInput(f"{path}: cannot be read: {reason}") from None
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" in line {mark.line + 1}" if mark else ""
+        raise UnusableInput(f"{path}: not valid YAML{where}: {getattr(error, 'problem', None) or error}") from None
+
+
+def write_atomic(path: str | Path, content: str | bytes) -> None:
+    """Write a file whole or not at all: beside it, fsync, rename. `UnusableInput` where the folder refuses."""
+    path = Path(path)
+    data = content.encode("utf-8") if isinstance(content, str) else content
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except OSError as error:
+        if temporary:
+            Path(temporary).unlink(missing_ok=True)
+        raise UnusableInput(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def load_config(path: str | Path | None = None) -> Config:
+    """The configuration in a YAML file; without a path the defaults.
+
+    A missing file is written with every default first (the article does so), so that a reader sees all keys.
+    """
+    if path is None:
+        return Config()
+    if not Path(path).exists():
+        write_atomic(path, dump_config(Config()))
+    values = read_yaml(path)
+    return validated(Config, {} if values is None else values, str(path))
+
+
+def dump_config(config: BaseModel) -> str:
+    """YAML text of a resolved configuration, keys in their declared order."""
+    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
+
+
+def with_overrides(config: AnyModel, overrides: dict[str, Any]) -> AnyModel:
+    """The same settings with some keys changed, named by dotted paths.
+
+    >>> with_overrides(Config(), {"hardware.max_lin_vel": 0.5}).hardware.max_lin_vel
+    0.5
+    """
+    values = config.model_dump()
+    for path, value in overrides.items():
+        *blocks, key = path.split(".")
+        target = values
+        for block in blocks:
+            target = target.get(block) if isinstance(target, dict) else None
+        if not isinstance(target, dict) or key not in target:
+            known = ", ".join(sorted(target)) if isinstance(target, dict) else ", ".join(sorted(values))
+            raise UnusableInput(f"override: unknown key '{path}'; known keys here: {known}")
+        target[key] = value
+    return validated(type(config), values, "override")

@@ -1,0 +1,84 @@
+"""What goes into an environment and comes out of it: spaces, checks, infos a world at a time."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from dualnav_lite.config import Config, UnusableInput
+from dualnav_lite.encoder import num_channels
+
+
+def action_box(config: Config) -> gymnasium.spaces.Box:
+    """Physical actions (v [m/s], omega [rad/s]) within the hardware limits."""
+    limits = np.array([config.hardware.max_lin_vel, config.hardware.max_ang_vel], np.float32)
+    return gymnasium.spaces.Box(-limits, limits, dtype=np.float32)
+
+
+def observation_box(config: Config) -> gymnasium.spaces.Box:
+    """The image of `encoder.CHANNELS` with the range of each channel."""
+    channels = num_channels(config.observation)
+    low = np.zeros((channels, 64, 64), np.float32)
+    low[1:3] = -1.0
+    return gymnasium.spaces.Box(low, np.ones_like(low), dtype=np.float32)
+
+
+def checked_actions(actions, num_envs: int) -> np.ndarray:
+    """The actions as an array; `ValueError` unless they are (n, 2) finite numbers."""
+    actions = np.asarray(actions)
+    if actions.shape != (num_envs, 2):
+        raise ValueError(f"actions must have shape ({num_envs}, 2) (v [m/s], omega [rad/s]), got {actions.shape}")
+    if not np.issubdtype(actions.dtype, np.number) or not np.isfinite(actions).all():
+        raise ValueError(f"actions must be finite numbers, got {actions.tolist()}")
+    return actions
+
+
+def checked_reset(num_envs: int, seed, options: dict[str, Any] | None, has_begun: bool):
+    """What a reset asks for, world by world.
+
+    Returns:
+        mask (n,) bool of worlds to reset, n seeds or None, n preferences or None.
+
+    Raises:
+        UnusableInput: an unknown option.
+        ValueError: a mask, seeds or preferences that do not fit n worlds; a first reset that leaves worlds out.
+    """
+    options = options or {}
+    unknown = set(options) - {"reset_mask", "preference"}
+    if unknown:
+        raise UnusableInput(f"reset: unknown option '{min(unknown)}'; known: preference, reset_mask")
+    mask = np.asarray(options.get("reset_mask", np.ones(num_envs, bool)), bool)
+    if mask.shape != (num_envs,) or not mask.any():
+        raise ValueError(f"reset_mask must be ({num_envs},) with at least one True, got {mask!r}")
+    if not has_begun and not mask.all():
+        raise ValueError("the first reset must reset every world")
+    seeds = [None] * num_envs if seed is None else seed
+    seeds = [seeds + i for i in range(num_envs)] if isinstance(seeds, int | np.integer) else list(seeds)
+    if len(seeds) != num_envs:
+        raise ValueError(f"reset: {num_envs} worlds need as many seeds, got {len(seeds)}")
+    if any(one is not None and one < 0 for one in seeds):
+        raise ValueError(f"a seed must not be negative, got {seeds}")
+    preference = options.get("preference")
+    if preference is None:
+        return mask, seeds, [None] * num_envs
+    preference = np.broadcast_to(np.asarray(preference, float), num_envs)
+    if not ((preference >= 0) & (preference <= 1)).all():
+        raise ValueError(f"a preference lies in [0, 1], got {preference.tolist()}")
+    return mask, seeds, preference.tolist()
+
+
+def split_infos(infos: dict[str, Any], num_envs: int) -> list[dict[str, Any]]:
+    """One info dictionary a world, from a dictionary of arrays; keys with a mask go to the worlds in it only."""
+
+    def row(values, i):
+        if isinstance(values, dict):
+            return {key: row(value, i) for key, value in values.items() if not key.startswith("_")}
+        value = values[i]
+        return value.item() if isinstance(value, np.generic) else value
+
+    names = [key for key in infos if not key.startswith("_")]
+    split = []
+    for i in range(num_envs):
+        present = [key for key in names if f"_{key}" not in infos or infos[f"_{key}"][i]]
+        split.append({key: row(infos[key], i) for key in present})
+    return split

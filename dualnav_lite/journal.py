@@ -1,0 +1,106 @@
+"""What happened in each episode, summed as it goes: the measured columns of `episodes.csv`."""
+
+import numpy as np
+
+from dualnav_lite.rewards import TERMS
+from dualnav_lite.scenario import Scenario
+from dualnav_lite.semantics import CONTACT_OUTCOME, Surface
+
+TURN_NOISE_RAD_S = 0.05  # a command that turns less than this has no direction
+
+
+def outcome_of_contact(surface: int) -> str:
+    """Outcome of an episode that ended by touching a surface."""
+    return CONTACT_OUTCOME[Surface(surface)]
+
+
+def outcome_of_long_run(scenario: Scenario, goals: int, charge: float, contacts: int) -> tuple[str, str]:
+    """Outcome and reason of a run that lasted its whole time (SPEC 8, battery: the article's column)."""
+    rules = scenario.dispatcher
+    if contacts > rules.max_contacts:
+        return "too_many_contacts", f"{contacts} contacts, at most {rules.max_contacts}"
+    if charge < rules.min_charge:
+        return "low_charge", f"{charge:.3f} of the charge left, at least {rules.min_charge}"
+    if goals < rules.min_goals:
+        return "few_goals", f"{goals} goals, at least {rules.min_goals}"
+    return "survived", ""
+
+
+class Journal:
+    """Running sums of n episodes; every attribute is an (n,) array."""
+
+    def __init__(self, num_envs: int):
+        self.num_envs = num_envs
+        self.preference = np.zeros(num_envs)
+        self.steps = np.zeros(num_envs, np.int64)
+        self.path_m = np.zeros(num_envs)
+        self.min_clearance_m = np.full(num_envs, np.inf)
+        self.clearance_sum = np.zeros(num_envs)
+        self.energy_j = np.zeros(num_envs)
+        self.goals = np.zeros(num_envs, np.int64)
+        self.contacts = np.zeros(num_envs, np.int64)
+        self.acceleration_sum = np.zeros(num_envs)
+        self.turn_sign = np.zeros(num_envs)
+        self.turn_changes = np.zeros(num_envs, np.int64)
+        self.reward_sums = np.zeros((num_envs, len(TERMS)))
+
+    def reset(self, world: int, preference: float, clearance: float) -> None:
+        """Open a new page for one world."""
+        for values in vars(self).values():
+            if isinstance(values, np.ndarray):
+                values[world] = 0
+        self.preference[world] = preference
+        self.min_clearance_m[world] = clearance
+
+    def record(self, active, path, clearance, energy, acceleration_square, twists, rewards) -> None:
+        """Add one control step of the active worlds.
+
+        Args:
+            active: (n,) bool.
+            path: (n,) metres driven in the step; clearance: (n,) [m]; energy: (n,) [J].
+            acceleration_square: (n,) mean (dv/dt)^2; twists: (n, 2); rewards: (n, 5) terms, unweighted.
+        """
+        gap = np.maximum(clearance, 0.0)
+        turn = np.where(np.abs(twists[:, 1]) > TURN_NOISE_RAD_S, np.sign(twists[:, 1]), 0.0)
+        changed = active & (turn * self.turn_sign < 0)
+        self.steps += active
+        self.path_m += np.where(active, path, 0.0)
+        self.min_clearance_m = np.where(active, np.minimum(self.min_clearance_m, gap), self.min_clearance_m)
+        self.clearance_sum += np.where(active, gap, 0.0)
+        self.energy_j += np.where(active, energy, 0.0)
+        self.acceleration_sum += np.where(active, acceleration_square, 0.0)
+        self.turn_changes += changed
+        self.turn_sign = np.where(active & (turn != 0), turn, self.turn_sign)
+        self.reward_sums += np.where(active[:, None], rewards, 0.0)
+
+    def page(self, dt: float, battery, events, first_event_s, contact, outcomes, reasons) -> dict[str, np.ndarray]:
+        """The columns of `episodes.csv` that the environment measures, as (n,) arrays.
+
+        Args:
+            dt: control step [s].
+            battery, events, first_event_s: (n,) from the simulation.
+            contact: (n,) `Surface` touched last.
+            outcomes, reasons: (n,) texts.
+        """
+        steps = np.maximum(self.steps, 1)
+        sums = {f"r_{name}": self.reward_sums[:, k].copy() for k, name in enumerate(TERMS)}
+        return {
+            "preference": self.preference.copy(),
+            "outcome": outcomes.copy(),
+            "collided_with": np.array([Surface(s).name.lower() if s else "" for s in contact], dtype=object),
+            "events": events.copy(),
+            "first_event_s": first_event_s.copy(),
+            "steps": self.steps.copy(),
+            "time_s": self.steps * dt,
+            "path_m": self.path_m.copy(),
+            "min_clearance_m": self.min_clearance_m.copy(),
+            "mean_clearance_m": self.clearance_sum / steps,
+            "energy_j": self.energy_j.copy(),
+            "battery_end": battery.copy(),
+            "goals": self.goals.copy(),
+            "contacts": self.contacts.copy(),
+            "accel_rms": np.sqrt(self.acceleration_sum / steps),
+            "omega_sign_changes": self.turn_changes.copy(),
+            **sums,
+            "reason": reasons.copy(),
+        }

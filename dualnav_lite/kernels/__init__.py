@@ -1,0 +1,1 @@
+"""Every compiled kernel, one idea a file; nothing here imports from the rest of the package."""

@@ -1,0 +1,91 @@
+"""What the hull sweeps in one more control step and the braking after it, against the points of a scan."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+MOVES_M_S = 0.02  # slower than this the hull does not sweep anything: it turns on the spot
+CLOSER_M = 1e-6  # a hull that is too close already may move as long as no step takes it closer than by rounding
+
+
+@njit(cache=True)
+def points_within(scan, cosines, sines, reach, range_max, points):
+    """Number of hits of a scan (beams, 2) closer than `reach` [m], written to `points` (beams, 2), robot frame."""
+    count = 0
+    for k in range(scan.shape[0]):
+        if 0.0 < scan[k, 0] < min(reach, range_max) and scan[k, 1] > 0.0:
+            points[count, 0] = scan[k, 0] * cosines[k]
+            points[count, 1] = scan[k, 0] * sines[k]
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def _nearest(points, count, x, y):
+    """Square of the distance from (x, y) to the nearest of the first `count` points."""
+    least = np.inf
+    for k in range(count):
+        dx, dy = points[k, 0] - x, points[k, 1] - y
+        least = min(least, dx * dx + dy * dy)
+    return least
+
+
+@njit(cache=True)
+def is_braking_safe(points, count, twist_v, twist_omega, v, omega, max_acc, max_ang_acc, control_dt, dt, hull):
+    """Whether the robot can take a command for one control step, then brake to a stand, and touch no point.
+
+    Args:
+        points, count: hits around, robot frame [m].
+        twist_v, twist_omega: present [m/s], [rad/s].
+        v, omega: the command.
+        max_acc, max_ang_acc: [m/s2], [rad/s2].
+        control_dt, dt: length of the command and of an integration step [s].
+        hull: radius and margin [m].
+    """
+    x = y = heading = time = 0.0
+    before = math.sqrt(_nearest(points, count, x, y))
+    while time < control_dt - 1e-9 or abs(twist_v) > MOVES_M_S:
+        is_braking = time >= control_dt - 1e-9
+        target_v, target_omega = (0.0, 0.0) if is_braking else (v, omega)
+        twist_v += min(max(target_v - twist_v, -max_acc * dt), max_acc * dt)
+        twist_omega += min(max(target_omega - twist_omega, -max_ang_acc * dt), max_ang_acc * dt)
+        middle = heading + 0.5 * dt * twist_omega
+        x += dt * twist_v * math.cos(middle)
+        y += dt * twist_v * math.sin(middle)
+        heading += dt * twist_omega
+        time += dt
+        gap = math.sqrt(_nearest(points, count, x, y))
+        if gap < hull and abs(twist_v) > MOVES_M_S and gap < before - CLOSER_M:
+            return False
+        before = gap
+    return True
+
+
+@njit(cache=True)
+def safe_shares(
+    commands, scans, twists, cosines, sines, range_max, shares, max_acc, max_ang_acc, control_dt, dt, hull, out
+):
+    """The largest of the shares by which each command's speed may be taken, its turn kept; 0 where none is safe.
+
+    Args:
+        commands, twists: (n, 2) v [m/s], omega [rad/s].
+        scans: (n, beams, 2) ranges [m] and intensities; intensity 0 marks a lost beam.
+        cosines, sines: (beams,) of the bearings; range_max: reading of nothing [m].
+        shares: (k,) falling from 1.
+        max_acc, max_ang_acc, control_dt, dt, hull: as in `is_braking_safe`.
+        out: (n,) written.
+    """
+    points = np.empty((scans.shape[1], 2))
+    for i in range(commands.shape[0]):
+        top = max(abs(commands[i, 0]), abs(twists[i, 0]))
+        reach = hull + top * (2.0 * control_dt + top / max_acc) + 0.05
+        count = points_within(scans[i], cosines, sines, reach, range_max, points)
+        out[i] = 0.0
+        for share in shares:
+            if count == 0 or is_braking_safe(
+                points, count, twists[i, 0], twists[i, 1], share * commands[i, 0], commands[i, 1], max_acc,
+                max_ang_acc, control_dt, dt, hull,
+            ):  # fmt: skip
+                out[i] = share
+                break

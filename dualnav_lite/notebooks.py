@@ -1,0 +1,210 @@
+"""Notebooks: made from percent scripts byte for byte, taken back into them, run with checked parameters.
+
+`notebooks/src/NN_name.py` is edited, `notebooks/NN_name.ipynb` is made from it and committed without outputs; the same
+in `stress_tests/`.
+"""
+
+import hashlib
+import json
+import logging
+import re
+from collections import Counter
+from pathlib import Path
+from typing import IO, Any
+
+import jupytext
+import nbformat
+
+from dualnav_lite.config import UnusableInput, write_atomic
+
+FOLDERS = ("notebooks", "stress_tests")
+ROOT = Path(__file__).resolve().parent.parent
+METADATA = {
+    "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
+    "language_info": {"name": "python"},
+}
+CELL_METADATA = ("grade_id", "tags")  # what a source may say about a cell; JupyterLab's own marks stay out of it
+
+
+def _slug(text: str) -> str:
+    """Letters and digits of a heading, joined by hyphens: `## 2. See it` gives `2-see-it`."""
+    return "-".join(re.findall(r"[a-z0-9]+", text.lower()))[:48]
+
+
+def _named_cells(cells) -> list:
+    """The cells with what a source may say alone, and their ids: grade_id, or section and ordinal."""
+    named: list = []
+    headings, section, seen = 0, "top", Counter[str]()
+    for cell in cells:
+        heading = re.match(r"#+\s+(.+)", cell.source) if cell.cell_type == "markdown" else None
+        if heading:
+            headings += 1
+            section = _slug(heading[1]) or f"section-{headings}"
+        seen[section] += 1
+        metadata = {key: cell.metadata[key] for key in CELL_METADATA if cell.metadata.get(key)}
+        new = getattr(nbformat.v4, f"new_{cell.cell_type}_cell")
+        identity = metadata.get("grade_id", f"{section}-{seen[section]}")
+        named.append(new(source=cell.source.strip("\n"), metadata=metadata, id=identity))
+    return named
+
+
+def _fingerprint(cells) -> str:
+    """Hash of what a reader would call the content; blank lines around cells and outputs do not count."""
+    content = [(cell.cell_type, cell.source, cell.metadata) for cell in _named_cells(cells)]
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode("utf-8")).hexdigest()
+
+
+def to_notebook(source: str) -> str:
+    """Text of the notebook that a percent script makes, without outputs; the same bytes each time.
+
+    Raises:
+        UnusableInput: two cells would have the same id, or a grade_id is not letters, digits, `-` and `_`.
+    """
+    cells = _named_cells(jupytext.reads(source, fmt="py:percent").cells)
+    made_from = {"made_from": _fingerprint(cells)}  # tells later which side was edited since
+    ids = Counter(cell.id for cell in cells)
+    repeated = [name for name, count in ids.items() if count > 1]
+    if repeated:
+        raise UnusableInput(
+            f"cell id '{repeated[0]}' stands for {ids[repeated[0]]} cells; give one a grade_id of its own"
+        )
+    notebook = nbformat.v4.new_notebook(cells=cells, metadata=METADATA | made_from)
+    notebook.nbformat_minor = 5
+    try:
+        return nbformat.writes(notebook) + "\n"
+    except nbformat.ValidationError as error:
+        raise UnusableInput(f"not a valid notebook: {error.message}") from None
+
+
+def to_source(notebook: str) -> str:
+    """Percent script of a notebook, outputs and execution counts dropped: `to_notebook` turned round."""
+    return _percent(nbformat.reads(notebook, as_version=4).cells)
+
+
+def _percent(cells) -> str:
+    """Cells as a percent script without a header."""
+    plain = nbformat.v4.new_notebook(
+        cells=_named_cells(cells), metadata={"jupytext": {"notebook_metadata_filter": "-all"}}
+    )
+    return jupytext.writes(plain, fmt="py:percent")
+
+
+def pairs(root: Path = ROOT) -> list[tuple[Path, Path]]:
+    """Every (source, notebook) in the folders, by name; one of the two may not exist yet."""
+    found = []
+    for folder in FOLDERS:
+        sources = {path.stem for path in (root / folder / "src").glob("*.py")}
+        notebooks = {path.stem for path in (root / folder).glob("*.ipynb")}
+        for stem in sorted(sources | notebooks):
+            found.append((root / folder / "src" / f"{stem}.py", root / folder / f"{stem}.ipynb"))
+    return found
+
+
+def rebuild(root: Path = ROOT, check: bool = False) -> list[Path]:
+    """Notebooks that were not what their source makes; they are written anew unless it is only a check.
+
+    Raises:
+        UnusableInput: a notebook has no source, a source makes no valid notebook, or an edit would be lost.
+    """
+    changed = []
+    for source, notebook in pairs(root):
+        if not source.exists():
+            raise UnusableInput(f"{notebook.name}: its source src/{source.name} is missing")
+        try:
+            text = to_notebook(source.read_text(encoding="utf-8"))
+        except UnusableInput as error:
+            raise UnusableInput(f"src/{source.name}: {error}") from None
+        if not notebook.exists() or notebook.read_bytes() != text.encode("utf-8"):
+            changed.append(notebook)
+            if not check:
+                if notebook.exists() and _is_edited(opened := _opened(notebook), opened.cells):
+                    name = notebook.stem
+                    raise UnusableInput(
+                        f"{name}.ipynb was edited: take it back (--take-back {name}) or delete it first"
+                    )
+                write_atomic(notebook, text)
+    return changed
+
+
+def _opened(path: Path):
+    """The notebook in a file; `UnusableInput` where there is none."""
+    try:
+        return nbformat.reads(path.read_text(encoding="utf-8"), as_version=4)
+    except (OSError, ValueError, AttributeError, nbformat.ValidationError) as error:
+        raise UnusableInput(f"{path.name}: not a notebook that can be read: {error}") from None
+
+
+def _is_edited(notebook, cells) -> bool:
+    """Whether these cells are others than the ones that the notebook was made from."""
+    return notebook.metadata.get("made_from") not in (None, _fingerprint(cells))
+
+
+def take_back(name: str, root: Path = ROOT) -> Path:
+    """Bring an edit made in JupyterLab into the source; returns the source.
+
+    Args:
+        name: the notebook's name or the start of it, such as `00`.
+
+    Raises:
+        UnusableInput: no notebook starts like this, or more than one; it cannot be read; the source was edited as well.
+    """
+    stem = Path(name).stem
+    matches = [pair for pair in pairs(root) if pair[1].exists() and pair[1].stem.startswith(stem)]
+    exact = [pair for pair in matches if pair[1].stem == stem]
+    if len(exact or matches) != 1:
+        known = ", ".join(pair[1].stem for pair in matches or pairs(root))
+        raise UnusableInput(f"'{name}' names {'several notebooks' if matches else 'no notebook'}: {known}")
+    source, path = (exact or matches)[0]
+    notebook = _opened(path)
+    if source.exists():
+        cells = jupytext.reads(source.read_text(encoding="utf-8"), fmt="py:percent").cells
+        if _is_edited(notebook, cells):
+            raise UnusableInput(
+                f"src/{source.name} was edited since {path.name} was made: rebuild, or join them by hand"
+            )
+    text = _percent(notebook.cells)
+    built = to_notebook(text)
+    write_atomic(source, text)
+    write_atomic(path, built)
+    return source
+
+
+def run_notebook(notebook: Path, output: Path, parameters: dict[str, Any], progress: IO[str] | None = None) -> None:
+    """Run a notebook from its first cell to its last by papermill and keep the executed copy.
+
+    papermill only warns of a misspelt parameter and runs with the default, so names are compared first.
+
+    Args:
+        parameters: a value for each name in the cell tagged `parameters`, no more and no fewer.
+        progress: where the notebook's stderr (progress bars) goes while it runs.
+
+    Raises:
+        UnusableInput: no cell tagged `parameters`, or other names than its.
+        papermill.PapermillExecutionError: a cell raised; the executed copy shows where.
+    """
+    import papermill
+
+    known = papermill.inspect_notebook(str(notebook))
+    if not known:
+        raise UnusableInput(f"{notebook.name}: no cell is tagged 'parameters'")
+    wrong = sorted(set(parameters) ^ set(known))
+    if wrong:
+        problem = "unknown" if wrong[0] in parameters else "missing"
+        raise UnusableInput(f"{notebook.name}: {problem} parameter '{wrong[0]}'; known: {', '.join(sorted(known))}")
+    output.parent.mkdir(parents=True, exist_ok=True)
+    logging.getLogger("papermill").setLevel(logging.CRITICAL)  # what it has to say also comes as an exception
+    try:
+        papermill.execute_notebook(
+            str(notebook),
+            str(output),
+            parameters=parameters,
+            kernel_name="python3",
+            cwd=str(output.parent),
+            progress_bar=False,
+            stderr_file=progress,
+            shutdown_kernel="immediate",  # one that is asked to end is interrupted first, and prints that
+            extra_arguments=["--IPKernelApp.log_level=ERROR"],  # each kernel warns of TCP, which stays on this machine
+        )
+    except KeyboardInterrupt:
+        logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # the kernel died, as it should
+        raise

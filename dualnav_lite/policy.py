@@ -1,0 +1,293 @@
+"""Networks: a small CNN that looks at the image, joins the exact bands, and speaks through a pluggable head."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from torch import nn
+
+from dualnav_lite.config import Hardware
+from dualnav_lite.encoder import BANDS, EGO, read_bands
+from dualnav_lite.planners.sampling import command_grid
+
+HIDDEN = 256
+
+
+def layer(module, gain: float = math.sqrt(2.0)):
+    """The module with orthogonal weights and zero biases."""
+    nn.init.orthogonal_(module.weight, gain)
+    nn.init.zeros_(module.bias)
+    return module
+
+
+def split_observations(observations):
+    """Images and bands of a batch: the ego channel holds ten numbers, so no convolution has to look for them.
+
+    Args:
+        observations: (n, C, 64, 64) tensor.
+
+    Returns:
+        (n, C - 1, 64, 64) the other channels and (n, 10) the bands, exactly as `encoder.read_bands` gives them.
+    """
+    images = torch.cat([observations[:, :EGO], observations[:, EGO + 1 :]], dim=1)
+    return images, read_bands(observations)
+
+
+class ImageTrunk(nn.Module):
+    """Features of an observation: three convolutions (16-32-32, each halving the image), then the bands join.
+
+    Args:
+        channels: C of the observation, the ego channel included.
+    """
+
+    features = HIDDEN
+
+    def __init__(self, channels: int):
+        super().__init__()
+        self.convolutions = nn.Sequential(
+            layer(nn.Conv2d(channels - 1, 16, 5, 2, 2)),
+            nn.ReLU(),
+            layer(nn.Conv2d(16, 32, 3, 2, 1)),
+            nn.ReLU(),
+            layer(nn.Conv2d(32, 32, 3, 2, 1)),
+            nn.ReLU(),
+            nn.Flatten(),
+        )
+        self.joined = nn.Sequential(layer(nn.Linear(32 * 8 * 8 + len(BANDS), HIDDEN)), nn.ReLU())
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    def forward(self, observations):
+        """(n, HIDDEN) features of (n, C, 64, 64) observations."""
+        return self.join(*split_observations(observations))
+
+    def join(self, images, bands):
+        """The same from the two parts of `split_observations`, for callers that keep them apart."""
+        seen = self.convolutions(images.contiguous(memory_format=torch.channels_last))
+        return self.joined(torch.cat([seen, bands], dim=1))
+
+
+class VectorTrunk(nn.Module):
+    """Features of a plain vector: two layers of 64, for environments without an image."""
+
+    features = 64
+
+    def __init__(self, size: int):
+        super().__init__()
+        self.layers = nn.Sequential(layer(nn.Linear(size, 64)), nn.Tanh(), layer(nn.Linear(64, 64)), nn.Tanh())
+
+    def forward(self, observations):
+        """(n, 64) features of (n, size) observations."""
+        return self.layers(observations)
+
+
+def device_of(network: nn.Module) -> torch.device:
+    """Where a network's weights are."""
+    return next(network.parameters()).device
+
+
+def trunk_for(observation_shape: Sequence[int]) -> nn.Module:
+    """The trunk that fits observations of this shape: (C, 64, 64) or (size,)."""
+    shape = tuple(observation_shape)
+    if len(shape) == 1:
+        return VectorTrunk(shape[0])
+    if len(shape) == 3 and shape[0] in (3, 4) and shape[1:] == (64, 64):
+        return ImageTrunk(shape[0])
+    raise ValueError(f"observations must be (size,), (3, 64, 64) or (4, 64, 64), got {shape}")
+
+
+class CommandGridHead(nn.Module):
+    """A categorical distribution over a grid of physical commands.
+
+    Where left and right are both good and straight on is not, two peaks stay two peaks: a Gaussian would average them.
+    Outside, actions are continuous: `CommandReader` reads between the grid's points.
+
+    Args:
+        features: width of the trunk.
+        grid: (rows, columns, 2) v [m/s] and omega [rad/s] of each command.
+    """
+
+    def __init__(self, features: int, grid):
+        super().__init__()
+        self.linear = layer(nn.Linear(features, grid.shape[0] * grid.shape[1]), gain=0.01)
+        self.grid_shape = tuple(grid.shape[:2])
+        self.register_buffer("commands", torch.as_tensor(np.asarray(grid), dtype=torch.float32).reshape(-1, 2))
+
+    def forward(self, features):
+        """(n, commands) log-probabilities."""
+        return torch.log_softmax(self.linear(features), dim=1)
+
+    def sample(self, log_probabilities, generator=None):
+        """(n,) numbers of drawn commands and (n,) their log-probabilities."""
+        actions = torch.multinomial(log_probabilities.exp(), 1, generator=generator)
+        return actions[:, 0], log_probabilities.gather(1, actions)[:, 0]
+
+    def judge(self, log_probabilities, actions):
+        """(n,) log-probability of each action and (n,) entropy."""
+        entropies = -(log_probabilities.exp() * log_probabilities).sum(dim=1)
+        return log_probabilities.gather(1, actions.long()[:, None])[:, 0], entropies
+
+    def divergence(self, reference, log_probabilities):
+        """(n,) KL from the distributions `reference` to these; both as `forward` gives them."""
+        return (reference.exp() * (reference - log_probabilities)).sum(dim=1)
+
+    def physical(self, actions):
+        """(n, 2) v [m/s], omega [rad/s] of drawn actions."""
+        return self.commands[actions]
+
+    def actions_of(self, physical):
+        """(n,) numbers of the commands nearest to physical ones; undoes `physical`."""
+        return ((physical[:, None] - self.commands) ** 2).sum(dim=2).argmin(dim=1)
+
+
+class GaussianHead(nn.Module):
+    """A Gaussian with a spread of its own, in units of the action space's half width, scaled to the space.
+
+    Args:
+        features: width of the trunk.
+        low, high: (k,) bounds of the action space.
+    """
+
+    def __init__(self, features: int, low, high):
+        super().__init__()
+        low, high = torch.as_tensor(low, dtype=torch.float32), torch.as_tensor(high, dtype=torch.float32)
+        self.linear = layer(nn.Linear(features, len(low)), gain=0.01)
+        self.log_spread = nn.Parameter(torch.zeros(len(low)))
+        self.register_buffer("middle", (high + low) / 2)
+        self.register_buffer("half_width", (high - low) / 2)
+
+    def forward(self, features):
+        """(n, 2 k) means and logarithms of the standard deviations."""
+        means = self.linear(features)
+        return torch.cat([means, self.log_spread.expand_as(means)], dim=1)
+
+    def sample(self, parameters, generator=None):
+        """(n, k) drawn actions and (n,) their log-densities."""
+        means, log_spreads = parameters.chunk(2, dim=1)
+        noise = torch.randn(means.shape, generator=generator, device=means.device)
+        actions = means + log_spreads.exp() * noise
+        return actions, self.judge(parameters, actions)[0]
+
+    def judge(self, parameters, actions):
+        """(n,) log-density of each action and (n,) entropy."""
+        means, log_spreads = parameters.chunk(2, dim=1)
+        errors = (actions - means) * torch.exp(-log_spreads)
+        densities = -0.5 * errors**2 - log_spreads - 0.5 * math.log(2 * math.pi)
+        entropies = log_spreads + 0.5 * math.log(2 * math.pi * math.e)
+        return densities.sum(dim=1), entropies.sum(dim=1)
+
+    def divergence(self, reference, parameters):
+        """(n,) KL from the distributions `reference` to these; both as `forward` gives them."""
+        (m0, s0), (m1, s1) = reference.chunk(2, dim=1), parameters.chunk(2, dim=1)
+        return (s1 - s0 + ((2 * s0).exp() + (m0 - m1) ** 2) / (2 * (2 * s1).exp()) - 0.5).sum(dim=1)
+
+    def physical(self, actions):
+        """(n, k) actions in the units of the space; what lies outside is for the environment to clip and note."""
+        return self.middle + self.half_width * actions
+
+    def actions_of(self, physical):
+        """(n, k) actions of physical ones; undoes `physical`."""
+        return (physical - self.middle) / self.half_width
+
+
+class Actor(nn.Module):
+    """Trunk and head: from observations to the parameters of a distribution of actions."""
+
+    def __init__(self, trunk: nn.Module, head: nn.Module):
+        super().__init__()
+        self.trunk, self.head = trunk, head
+
+    def forward(self, observations):
+        """Parameters of the head's distributions, a row an observation."""
+        return self.head(self.trunk(observations))
+
+
+def make_actor(observation_shape: Sequence[int], head: str, limits: Sequence[float]) -> Actor:
+    """An untrained policy.
+
+    Args:
+        observation_shape: (C, 64, 64) or (size,).
+        head: "commands" or "gaussian".
+        limits: greatest value of each action component; the action space is symmetric. For "commands" they are
+            v [m/s] and omega [rad/s].
+    """
+    trunk = trunk_for(observation_shape)
+    if head == "commands":
+        grid = command_grid(Hardware(max_lin_vel=limits[0], max_ang_vel=limits[1]))
+        return Actor(trunk, CommandGridHead(trunk.features, grid))  # type: ignore[arg-type]
+    if head == "gaussian":
+        return Actor(trunk, GaussianHead(trunk.features, [-one for one in limits], limits))  # type: ignore[arg-type]
+    raise ValueError(f"unknown head '{head}'; known: commands, gaussian")
+
+
+class Critic(nn.Module):
+    """One value head a reward term, on a trunk of its own.
+
+    The article's 3.2 wants the critic to predict the total, "or GAE fails"; GAE is linear in the reward, so the terms'
+    advantages may be estimated apart, and weights may then depend on preference and charge.
+    """
+
+    def __init__(self, trunk: nn.Module, terms: int):
+        super().__init__()
+        self.trunk = trunk
+        self.heads = layer(nn.Linear(trunk.features, terms), gain=1.0)  # type: ignore[arg-type]
+
+    def forward(self, observations):
+        """(n, terms) values."""
+        return self.heads(self.trunk(observations))
+
+
+class CommandReader:
+    """Commands from distributions over the grid: smoothed over time, then read between the points at the peak.
+
+    Smoothing is a vote of the last steps: one noisy image cannot turn the robot around. The peak is chosen, never the
+    mean of the whole, and its neighbours pull the command off the grid.
+
+    Args:
+        grid: (rows, columns, 2) v [m/s], omega [rad/s].
+        memory: weight of the past in [0, 1); 0 reads each step alone.
+    """
+
+    def __init__(self, grid, memory: float = 0.5):
+        self._grid = np.asarray(grid, float)
+        self._memory = memory
+        self._votes = np.zeros((0, *self._grid.shape[:2]))
+        self._is_first = np.zeros(0, bool)
+
+    def reset(self, indices) -> None:
+        """Forget the past of these worlds."""
+        indices = np.asarray(indices, int).reshape(-1)
+        missing = int(indices.max(initial=-1)) + 1 - len(self._votes)
+        if missing > 0:
+            self._votes = np.concatenate([self._votes, np.zeros((missing, *self._votes.shape[1:]))])
+            self._is_first = np.concatenate([self._is_first, np.ones(missing, bool)])
+        self._is_first[indices] = True
+
+    def __call__(self, probabilities):
+        """Commands of all worlds.
+
+        Args:
+            probabilities: (n, rows * columns).
+
+        Returns:
+            (n, 2) float64 v [m/s], omega [rad/s].
+        """
+        n = len(probabilities)
+        if n > len(self._votes):
+            self.reset(np.arange(len(self._votes), n))
+        fresh = np.asarray(probabilities, float).reshape(n, *self._grid.shape[:2])
+        share = np.where(self._is_first[:n], 0.0, self._memory)[:, None, None]
+        votes = share * self._votes[:n] + (1.0 - share) * fresh
+        self._votes[:n], self._is_first[:n] = votes, False
+        return self._read(votes)
+
+    def _read(self, votes):
+        """The mean command of the 3 x 3 points around the highest vote, weighted by the votes."""
+        n, rows, columns = votes.shape
+        row, column = np.divmod(votes.reshape(n, -1).argmax(axis=1), columns)
+        padded = np.pad(votes, ((0, 0), (1, 1), (1, 1)))
+        step = np.arange(3)
+        at_rows, at_columns = row[:, None, None] + step[:, None], column[:, None, None] + step
+        near = padded[np.arange(n)[:, None, None], at_rows, at_columns]
+        commands = self._grid[np.clip(at_rows - 1, 0, rows - 1), np.clip(at_columns - 1, 0, columns - 1)]
+        return (near[..., None] * commands).sum(axis=(1, 2)) / near.sum(axis=(1, 2))[:, None]

@@ -1,0 +1,178 @@
+"""Scenarios are data: `stress_tests/scenarios/<id>.yaml`, read here into frozen, checked settings."""
+
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from dualnav_lite.config import Frozen, NonNegative, Positive, Share, UnusableInput, read_yaml, validated
+
+Count = Annotated[int, Field(ge=0)]
+SCENARIO_FOLDER = Path(__file__).resolve().parent.parent / "stress_tests" / "scenarios"
+
+
+class Range(Frozen):
+    """A closed interval to draw from, uniformly."""
+
+    low: float
+    high: float
+
+    @model_validator(mode="after")
+    def _ordered(self):
+        if self.high < self.low:
+            raise ValueError(f"high ({self.high}) is below low ({self.low})")
+        return self
+
+
+class Room(Frozen):
+    """Walls, furniture and the journey through them."""
+
+    size_m: Range = Range(low=8, high=12)
+    walled_share: Share = 0.08  # share of rooms cut in two by a wall with one door; SPEC 8: at most 10 %
+    door_width_m: Range = Range(low=0.95, high=1.15)
+    furniture: Range = Range(low=5, high=11)
+    pushable_boxes: Range = Range(low=0, high=2)
+    goal_distance_m: Range = Range(low=4, high=8)  # as the crow flies
+    heading_error_rad: NonNegative = 3.1416  # starting heading, off the goal's direction by at most this
+    hall: bool = False  # furniture stays clear of the journey
+
+
+class People(Frozen):
+    """Pedestrians between waypoints; they avoid the robot by social force."""
+
+    count: Range = Range(low=0, high=3)
+    speed_m_s: Range = Range(low=0.4, high=1.0)
+    radius_m: Range = Range(low=0.25, high=0.30)
+    forklift_share: Share = 0.10  # share of rooms with a forklift-sized mover on a fixed lane
+
+
+class PopUp(Frozen):
+    """Boxes that slide into the robot's way when its odometer passes a drawn value, at any speed."""
+
+    count: Range = Range(low=1, high=3)
+    placement: Literal["beside", "cover", "head_on"] = "beside"
+    ahead_m: Positive = 2.0
+    side_m: Range = Range(low=0.7, high=1.0)
+    speed_m_s: Positive = 1.5
+    stop_within_m: NonNegative = 0.15  # of the robot's line
+    half_size_m: Range = Range(low=0.15, high=0.25)
+    first_trigger_m: Range = Range(low=0.4, high=1.6)
+    next_trigger_m: Range = Range(low=1.4, high=2.2)
+    passage_m: Positive = 0.85
+    goal_gap_m: NonNegative = 0.9
+    box_gap_m: NonNegative = 1.3
+
+
+class Crowd(Frozen):
+    """A group that waits at its entrance and crosses the robot's journey to meet it."""
+
+    count: Count = 5
+    reactive: bool = False
+    speed_m_s: Positive = 0.8
+    radius_m: Range = Range(low=0.25, high=0.30)
+    gap_m: Range = Range(low=0.2, high=0.5)  # between surfaces
+    line_share: Range = Range(low=0.3, high=0.7)  # where on the journey the crossing line lies
+    lead_s: Range = Range(low=1.5, high=5.5)  # the group starts when the robot is this short of the line
+    aim_error_s: NonNegative = 0.6
+    wall_gap_m: Positive = 1.4
+    clear_line_m: NonNegative = 0.8  # the last of the group has crossed the line by this much before it stops
+    pause_s: Range = Range(low=0, high=4)
+
+
+class Sensing(Frozen):
+    """Light and what it does to the lidar."""
+
+    ambient_lux: Positive = 300.0
+    phantoms: Count = 0
+    phantom_life_s: Range = Range(low=0.5, high=2.5)
+    phantom_ahead_m: Range = Range(low=0.7, high=2.5)
+    phantom_radius_m: Range = Range(low=0.10, high=0.25)
+
+
+class Link(Frozen):
+    """Radio between the robot and the off-board mapper."""
+
+    delay_s: NonNegative = 0.0
+    loss: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    burst_mean_s: NonNegative = 0.0  # 0: every message is lost or not by itself
+
+
+class Dispatcher(Frozen):
+    """Goals in a row for a long run."""
+
+    duration_s: Positive = 10800.0
+    period_s: Positive = 20.0
+    contact_penalty_s: NonNegative = 30.0
+    min_goals: Count = 520
+    min_charge: Share = 0.15
+    max_contacts: Count = 12
+    goal_clearance_m: Positive = 0.6
+
+
+class Scenario(Frozen):
+    """One row of the survival table: what the world holds and when a run counts as survived."""
+
+    id: str
+    title: str
+    title_zh: str
+    article_claim: Share | None = None  # survival rate the article reports
+    room: Room = Room()
+    people: People = People()
+    pop_up: PopUp | None = None
+    crowd: Crowd | None = None
+    sensing: Sensing = Sensing()
+    link: Link = Link()
+    dispatcher: Dispatcher | None = None
+    start_charge: Range = Range(low=0.15, high=1.0)
+    goal_radius_m: Positive = 0.4
+    time_limit_paths: Positive = 2.0  # time limit = this x shortest path / 0.8 m/s + time_limit_extra_s
+    time_limit_extra_s: NonNegative = 15.0
+
+
+def _merged(base: dict, changes: dict) -> dict:
+    """The base with nested changes laid over it."""
+    merged = dict(base)
+    for key, value in changes.items():
+        nested = isinstance(value, dict) and isinstance(merged.get(key), dict)
+        merged[key] = _merged(merged[key], value) if nested else value
+    return merged
+
+
+def read_scenarios(path: str | Path) -> dict[str, Scenario]:
+    """The scenario of a file and its variants, by id; a variant `x` of the file `a` has the id `a_x`."""
+    values: Any = read_yaml(path)
+    if not isinstance(values, dict):
+        raise UnusableInput(f"{path}: a scenario file holds keys and values, got {type(values).__name__}")
+    variants = values.pop("variants", {}) or {}
+    found = {}
+    for name, changes in {"": {}, **variants}.items():
+        merged = _merged(values, changes)
+        if name:
+            merged["id"] = f"{values.get('id')}_{name}"
+        scenario = validated(Scenario, merged, f"{path}{f' (variant {name})' if name else ''}")
+        found[scenario.id] = scenario
+    if Path(path).stem not in found:
+        raise UnusableInput(f"{path}: id must be the file's name '{Path(path).stem}', got '{values.get('id')}'")
+    return found
+
+
+@cache
+def all_scenarios(folder: Path = SCENARIO_FOLDER) -> dict[str, Scenario]:
+    """Every scenario and variant in a folder, by id, files in alphabetical order."""
+    found: dict[str, Scenario] = {}
+    for path in sorted(Path(folder).glob("*.yaml")):
+        found.update(read_scenarios(path))
+    if not found:
+        raise UnusableInput(f"{folder}: no scenario files (*.yaml) here")
+    return found
+
+
+def load_scenario(name: str, folder: Path = SCENARIO_FOLDER) -> Scenario:
+    """The scenario with this id, or in the YAML file with this path."""
+    if name.endswith((".yaml", ".yml")):
+        return next(iter(read_scenarios(name).values()))
+    known = all_scenarios(folder)
+    if name not in known:
+        raise UnusableInput(f"unknown scenario '{name}'; known: {', '.join(known)}")
+    return known[name]

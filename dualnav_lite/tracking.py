@@ -1,0 +1,124 @@
+"""Moving things found in the scans alone, and where constant velocity says they will be."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualnav_lite.kernels import tracking as kernel
+from dualnav_lite.motion import STEP_S, STEPS, Prediction
+
+MAX_MOVERS = 8
+_MAX_TRACKS = 40
+_MEMORY = 10  # scans kept to ask what was free before
+
+
+@dataclass
+class Tracks:
+    """The nearest moving things of n worlds, nearest first.
+
+    Attributes:
+        positions: (n, K, 2) centres [m], robot frame.
+        velocities: (n, K, 2) over ground [m/s], along the robot frame's axes.
+        radii: (n, K) [m].
+        ages: (n, K) scans since first seen.
+        valid: (n, K) bool; other rows are zero.
+    """
+
+    positions: np.ndarray
+    velocities: np.ndarray
+    radii: np.ndarray
+    ages: np.ndarray
+    valid: np.ndarray
+
+
+class Tracker:
+    """Follows scan clusters of n worlds in their odometry frames and tells which of them move.
+
+    A scan is cut at range jumps; each small, bright enough cluster is placed as a round thing, matched to the nearest
+    track and smoothed by a Kalman filter of constant velocity. A track moves once it is faster than 0.25 m/s *and*
+    stands where an earlier scan saw free space, or has left a place that is now seen free.
+
+    Args:
+        num_envs: number of worlds n.
+        dt: time between scans [s].
+    """
+
+    def __init__(self, num_envs: int, dt: float = STEP_S):
+        self.dt = dt
+        self._tracks = np.zeros((num_envs, _MAX_TRACKS, kernel.COLUMNS))
+        self._places = np.zeros((num_envs, _MAX_TRACKS, _MEMORY, 3))
+        self._ranges = np.zeros((num_envs, _MEMORY, 0), np.float32)
+        self._poses = np.zeros((num_envs, _MEMORY, 3))
+        self._counts = np.zeros(num_envs, np.int64)
+
+    def reset(self, indices) -> None:
+        """Forget everything about these worlds."""
+        self._tracks[indices] = 0.0
+        self._counts[indices] = 0
+
+    def update(self, poses_odom, scans, active=None) -> Tracks:
+        """Take in one scan a world.
+
+        Args:
+            poses_odom: (n, 3) odometry.
+            scans: (n, beams, 2) f32 ranges [m] and intensities; intensity 0 marks a lost beam.
+            active: (n,) bool or None for all; other worlds keep their tracks as they are.
+
+        Returns:
+            `Tracks` of all worlds, fresh arrays.
+        """
+        n, beams = scans.shape[:2]
+        if self._ranges.shape[2] != beams:
+            self._ranges = np.zeros((n, _MEMORY, beams), np.float32)
+        active = np.ones(n, bool) if active is None else active
+        kernel.step_tracks(
+            scans, poses_odom, active, self.dt, self._tracks, self._places, self._ranges, self._poses, self._counts
+        )
+        tracks = Tracks(
+            np.empty((n, MAX_MOVERS, 2)),
+            np.empty((n, MAX_MOVERS, 2)),
+            np.empty((n, MAX_MOVERS)),
+            np.empty((n, MAX_MOVERS), np.int64),
+            np.empty((n, MAX_MOVERS), bool),
+        )
+        kernel.nearest_movers(
+            self._tracks, poses_odom, tracks.positions, tracks.velocities, tracks.radii, tracks.ages, tracks.valid
+        )
+        return tracks
+
+
+_TIMES = STEP_S * np.arange(1, STEPS + 1)
+
+
+def constant_velocity(tracks) -> Prediction:
+    """Straight lines at the present velocity.
+
+    Args:
+        tracks: `Tracks`, or anything with its positions, velocities, radii and valid.
+
+    Returns:
+        `Prediction` for the next 2 s, robot frame of now.
+    """
+    positions = tracks.positions[..., None, :] + _TIMES[:, None] * tracks.velocities[..., None, :]
+    return Prediction(positions, tracks.velocities, tracks.valid, tracks.radii)
+
+
+class ConstantVelocityPredictor:
+    """The tracker as a predictor: it reads the last ten scans afresh at every call, as the LSTM does."""
+
+    def __call__(self, scans, poses):
+        """Where movers will be.
+
+        Args:
+            scans: (n, 10, beams, 2), oldest first.
+            poses: (n, 10, 3) odometry.
+
+        Returns:
+            positions (n, K, STEPS, 2) [m], velocities (n, K, 2) [m/s], valid (n, K), in the newest robot frame.
+        """
+        scans, poses = np.asarray(scans, np.float32), np.asarray(poses, float)
+        tracker = Tracker(len(scans))
+        for step in range(scans.shape[1]):
+            tracks = tracker.update(poses[:, step], scans[:, step])
+        prediction = constant_velocity(tracks)
+        return prediction.positions, prediction.velocities, prediction.valid

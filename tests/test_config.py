@@ -1,0 +1,87 @@
+"""Configuration: frozen, complete, and wrong input refused in one clear line."""
+
+import pytest
+
+from dualnav_lite.config import (
+    Config,
+    UnusableInput,
+    dump_config,
+    load_config,
+    validated,
+    with_overrides,
+    write_atomic,
+)
+
+
+def test_defaults_survive_a_round_trip_through_yaml(tmp_path):
+    path = tmp_path / "配置 with space" / "config.yaml"
+    assert load_config(path) == Config()
+    assert load_config(path) == Config()
+    assert path.read_text(encoding="utf-8") == dump_config(Config())
+
+
+def test_the_article_s_keys_are_where_the_article_has_them():
+    config = validated(
+        Config, {"simulator": "pymunk", "hardware": {"max_lin_vel": 0.8, "max_ang_vel": 1.2}, "test_mode": True}, "x"
+    )
+    assert config.test_mode
+    assert config.hardware.max_ang_vel == 1.2
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"hardwear": {}}, ["unknown key 'hardwear'", "hardware"]),
+        ({"hardware": {"max_vel": 1}}, ["unknown key 'hardware.max_vel'", "max_lin_vel"]),
+        ({"observation": {"motion": {"methode": "x"}}}, ["observation.motion.methode", "component", "method"]),
+        ({"hardware": {"max_lin_vel": "fast"}}, ["hardware.max_lin_vel", "'fast'"]),
+        ({"hardware": {"max_lin_vel": -1}}, ["hardware.max_lin_vel", "greater than 0"]),
+        ({"lidar": {"range_max_m": float("nan")}}, ["lidar.range_max_m"]),
+        ({"simulator": "gazebo"}, ["simulator", "pymunk"]),
+        ({"preference": 1.5}, ["preference"]),
+        ({"control_dt_s": 0.05, "physics_dt_s": 0.02}, ["whole multiple"]),
+        ([1, 2], ["top level"]),
+    ],
+)
+def test_wrong_configs_are_refused_in_one_line_with_the_key(values, words):
+    with pytest.raises(UnusableInput) as caught:
+        validated(Config, values, "config.yaml")
+    text = str(caught.value)
+    assert "\n" not in text
+    for word in ["config.yaml", *words]:
+        assert word in text
+
+
+def test_unreadable_yaml_names_file_and_line(tmp_path):
+    path = tmp_path / "broken.yaml"
+    path.write_text("hardware:\n  max_lin_vel: [0.8\n", encoding="utf-8")
+    with pytest.raises(UnusableInput, match=r"broken\.yaml: not valid YAML in line"):
+        load_config(path)
+    path.write_bytes(b"\xff\xfe\x00bad")
+    with pytest.raises(UnusableInput, match="UTF-8"):
+        load_config(path)
+    with pytest.raises(UnusableInput, match="cannot be read"):
+        load_config(tmp_path)
+
+
+def test_a_config_cannot_change_after_it_was_read():
+    with pytest.raises(ValueError, match="frozen"):
+        Config().hardware.max_lin_vel = 2.0
+
+
+def test_overrides_name_the_known_keys():
+    assert with_overrides(Config(), {"map.cache": False}).map.cache is False
+    with pytest.raises(UnusableInput, match=r"map\.cach.*cache"):
+        with_overrides(Config(), {"map.cach": False})
+
+
+def test_a_file_that_cannot_be_written_leaves_nothing_behind(tmp_path):
+    blocker = tmp_path / "file"
+    blocker.write_text("x", encoding="utf-8")
+    with pytest.raises(UnusableInput, match="cannot be written"):
+        write_atomic(blocker / "inside.yaml", "text")
+    target = tmp_path / "folder"
+    target.mkdir()
+    with pytest.raises(UnusableInput, match="cannot be written"):
+        write_atomic(target, "text")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder"]

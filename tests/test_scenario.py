@@ -1,0 +1,80 @@
+"""Scenario files: seven of them, checked key by key."""
+
+import pytest
+
+from dualnav_lite.config import UnusableInput
+from dualnav_lite.scenario import SCENARIO_FOLDER, Scenario, all_scenarios, load_scenario, read_scenarios
+
+
+def test_the_seven_files_of_the_contract_are_there():
+    names = sorted(path.stem for path in SCENARIO_FOLDER.glob("*.yaml"))
+    assert names == [
+        "battery",
+        "comms_dropout",
+        "crowd_crossing",
+        "crowd_reactive",
+        "low_light",
+        "navigation",
+        "pop_up",
+    ]
+
+
+def test_the_article_s_numbers_stand_in_the_files():
+    pop_up, crowd = load_scenario("pop_up").pop_up, load_scenario("crowd_crossing").crowd
+    assert (pop_up.ahead_m, pop_up.speed_m_s) == (2.0, 1.5)
+    assert (crowd.count, crowd.speed_m_s, crowd.reactive) == (5, 0.8, False)
+    assert crowd.gap_m.high <= 0.5
+    assert load_scenario("low_light").sensing.ambient_lux < 10
+    assert (load_scenario("comms_dropout").link.delay_s, load_scenario("comms_dropout").link.loss) == (1.0, 0.3)
+    assert load_scenario("battery").dispatcher.duration_s == 3 * 3600
+    claims = {name: s.article_claim for name, s in all_scenarios().items() if s.article_claim is not None}
+    assert claims == {
+        "pop_up": 0.92,
+        "crowd_crossing": 0.76,
+        "low_light": 0.89,
+        "low_light_phantoms": 0.89,
+        "battery": 1.0,
+        "comms_dropout": 0.68,
+        "comms_dropout_bursts": 0.68,
+    }
+
+
+def test_a_variant_changes_only_what_it_names():
+    plain, bursts = load_scenario("comms_dropout"), load_scenario("comms_dropout_bursts")
+    assert bursts.link.burst_mean_s == 1.0
+    assert bursts.link.delay_s == plain.link.delay_s
+    assert bursts.room == plain.room
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("id: bad\ntitle: t\ntitle_zh: t\nroom: {furnitures: 3}\n", ["room.furnitures", "furniture"]),
+        ("id: bad\ntitle: t\ntitle_zh: t\nroom: {size_m: {low: 9, high: 8}}\n", ["room.size_m", "below low"]),
+        ("id: other\ntitle: t\ntitle_zh: t\n", ["file's name 'bad'", "other"]),
+        ("- 1\n", ["keys and values"]),
+        ("id: bad\ntitle: t\ntitle_zh: t\nvariants: {x: {link: {los: 1}}}\n", ["variant x", "link.los"]),
+    ],
+)
+def test_wrong_scenario_files_are_refused_in_one_line(tmp_path, text, words):
+    path = tmp_path / "bad.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(UnusableInput) as caught:
+        read_scenarios(path)
+    assert "\n" not in str(caught.value)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_a_missing_scenario_is_answered_with_the_known_ones():
+    with pytest.raises(UnusableInput, match=r"unknown scenario 'fog'.*crowd_crossing.*navigation"):
+        load_scenario("fog")
+    with pytest.raises(UnusableInput, match="cannot be read"):
+        load_scenario("nowhere.yaml")
+
+
+def test_a_scenario_cannot_change_after_it_was_read():
+    scenario = load_scenario("navigation")
+    assert isinstance(scenario, Scenario)
+    with pytest.raises(ValueError, match="frozen"):
+        scenario.goal_radius_m = 1.0
