@@ -1,6 +1,7 @@
 """Warm start: a network learns what the ceiling planner would do, in the states it gets itself into (DAgger)."""
 
 import io
+import math
 import pickle
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -276,7 +277,7 @@ def fit(actor: Actor, optimizer, shards: Sequence[Labels], settings: Imitation, 
     losses = []
     for update in range(updates):
         if rates is not None:
-            share = 0.5 * (1.0 + np.cos(np.pi * update / updates))
+            share = 0.5 * (1.0 + math.cos(math.pi * update / updates))
             for group in optimizer.param_groups:
                 group["lr"] = rates[1] + (rates[0] - rates[1]) * share
         chosen = np.sort(rng.integers(edges[-1], size=settings.batch))
