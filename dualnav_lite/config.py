@@ -185,6 +185,16 @@ def read_yaml(path: str | Path) -> Any:
         raise UnusableInput(f"{path}: not valid YAML{where}: {getattr(error, 'problem', None) or error}") from None
 
 
+def _umask() -> int:
+    """The process's mask for new files; it can only be read by setting it."""
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+_UMASK = _umask()
+
+
 def write_atomic(path: str | Path, content: str | bytes) -> None:
     """Write a file whole or not at all: beside it, fsync, rename. `UnusableInput` where the folder refuses."""
     path = Path(path)
@@ -197,6 +207,7 @@ def write_atomic(path: str | Path, content: str | bytes) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
+        os.chmod(temporary, 0o666 & ~_UMASK)  # mkstemp's files are for nobody else
         os.replace(temporary, path)
     except OSError as error:
         if temporary:

@@ -1,5 +1,7 @@
 """Configuration: frozen, complete, and wrong input refused in one clear line."""
 
+import os
+
 import pytest
 
 from dualnav_lite.config import (
@@ -85,3 +87,11 @@ def test_a_file_that_cannot_be_written_leaves_nothing_behind(tmp_path):
     with pytest.raises(UnusableInput, match="cannot be written"):
         write_atomic(target, "text")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no mode bits for others")
+def test_a_written_file_can_be_read_by_whom_the_umask_lets(tmp_path):
+    ordinary = tmp_path / "ordinary"
+    ordinary.touch()
+    write_atomic(tmp_path / "written", "text")
+    assert (tmp_path / "written").stat().st_mode == ordinary.stat().st_mode

@@ -15,8 +15,10 @@ from dualnav_lite.imitation import (
     fit,
     imitate,
     imitation_loss,
+    load_weights,
     mirrored,
     pack,
+    save_weights,
     unpack,
 )
 from dualnav_lite.kernels import sampling as kernels
@@ -201,3 +203,12 @@ def test_a_loss_that_is_no_number_stops_the_fit(labels):
         actor.head.linear.bias[0] = float("nan")
     with pytest.raises(FloatingPointError, match="imitation loss is nan in batch 0"):
         fit(actor, torch.optim.AdamW(actor.parameters()), [labels], SMALL, streams.stream(0, "test"), 1)
+
+
+def test_the_state_of_a_last_round_can_be_read_again(labels, tmp_path):
+    # Its falling learning rate goes into the optimiser's state, which is read without running code.
+    actor = student()
+    optimizer = torch.optim.AdamW(actor.parameters(), lr=1e-3)
+    fit(actor, optimizer, [labels], SMALL, streams.stream(0, "fit"), updates=2, rates=(1e-3, 1e-4))
+    save_weights(tmp_path / "state.pth", optimizer.state_dict())
+    assert load_weights(tmp_path / "state.pth")["param_groups"][0]["lr"] == pytest.approx(5.5e-4)
