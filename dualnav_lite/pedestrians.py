@@ -87,6 +87,7 @@ class Movers:
         self.counts = np.zeros((n, m), np.int64)
         self.index = np.zeros((n, m), np.int64)
         self.timers = np.zeros((n, m))
+        self.blocked_s = np.zeros((n, m))
         self.waits = np.zeros((n, m), bool)
         self.stops = np.zeros((n, m, 2))
         self.velocities = np.zeros((n, m, 2))
@@ -111,6 +112,7 @@ class Movers:
         self.states[world] = 0.0
         self.index[world] = 0
         self.timers[world] = 0.0
+        self.blocked_s[world] = 0.0
         for m, plan in enumerate(layout.movers):
             self.kinds[world, m] = plan.kind
             self.radii[world, m] = plan.reach
@@ -189,6 +191,7 @@ class Movers:
             self.counts,
             self.index,
             self.timers,
+            self.blocked_s,
             self.waits,
             self.stops,
             self.has_group,

@@ -146,3 +146,22 @@ def test_a_crossing_group_is_marked_as_people():
     assert (sim.movers.kinds[0, :5] == CROSSING).all()
     assert sim.scene.num_circles[0] == 5
     assert (sim.scene.circle_surface[0, :5] == Surface.PERSON).all()
+
+
+def test_a_pedestrian_who_gets_nowhere_turns_to_the_next_waypoint():
+    sim = Simulation(1, Config())
+    world, person = 0, 0
+    seed = next(
+        s
+        for s in range(FIRST, FIRST + 50)
+        if PEDESTRIAN in {m.kind for m in sim.reset(0, load_scenario("battery"), s).movers}
+    )
+    layout = sim.reset(0, load_scenario("battery"), seed)
+    person = next(m for m, plan in enumerate(layout.movers) if plan.kind == PEDESTRIAN)
+    sim.movers.waypoints[world, person, 0] = -5.0, -5.0  # behind the wall
+    sim.movers.index[world, person] = 0
+    for _ in range(400):
+        sim.advance(np.zeros((1, 2)), np.ones(1, bool))
+        if sim.movers.index[world, person] != 0:
+            return
+    pytest.fail("leans on the wall for ever")

@@ -18,6 +18,7 @@ SIDE_STEP = 0.35  # share of the repulsion turned to the right, so that two who 
 ARRIVAL_M = 0.25
 HULL_GAP_M = 0.08  # a pedestrian's step never takes it closer to the robot than this
 STOP_S = 0.4  # and it slows over this time before
+PATIENCE_S, BLOCKED_M_S = 4.0, 0.10  # who gets on no faster than this for so long turns to the next waypoint
 FORKLIFT_SIGHT_M = 1.2
 FORKLIFT_ACC_M_S2 = 0.6
 
@@ -32,6 +33,16 @@ def _towards_waypoint(x, y, speed, waypoints, pauses, count, index, timer, dt):
     if distance < ARRIVAL_M:
         return 0.0, 0.0, (index + 1) % count, pauses[index]
     return speed * dx / distance, speed * dy / distance, index, 0.0
+
+
+@njit(cache=True)
+def _give_up(vx, vy, index, timer, count, blocked, dt):
+    """Waypoint index and time without getting on [s]: nobody leans on a wardrobe for three hours."""
+    if timer > 0.0 or vx * vx + vy * vy > BLOCKED_M_S * BLOCKED_M_S:
+        return index, 0.0
+    if blocked + dt < PATIENCE_S:
+        return index, blocked + dt
+    return (index + 1) % count, 0.0
 
 
 @njit(cache=True)
@@ -161,6 +172,7 @@ def move(
     counts,
     index,
     timers,
+    blocked,
     waits,
     stops,
     has_group,
@@ -182,8 +194,8 @@ def move(
     """Velocity each mover should have during the next control step.
 
     Args:
-        kinds, radii, halves, states, active, speeds, waypoints, pauses, counts, index, timers, waits, stops: the
-            arrays of `pedestrians.Movers`; `index` and `timers` change in place.
+        kinds, radii, halves, states, active, speeds, waypoints, pauses, counts, index, timers, blocked, waits, stops:
+            the arrays of `pedestrians.Movers`; `index`, `timers` and `blocked` change in place.
         has_group, group_*: the crossing group of each world; phase, timer, leg and place change in place.
         robots: (n, 3) true poses; robot_v: (n,) forward speeds [m/s]; hull: radius [m].
         segments, num_static: static lines of each world.
@@ -235,6 +247,15 @@ def move(
                     dt,
                 )
                 if kind == PEDESTRIAN:
+                    index[i, m], blocked[i, m] = _give_up(
+                        states[i, m, 3],
+                        states[i, m, 4],
+                        index[i, m],
+                        timers[i, m],
+                        counts[i, m],
+                        blocked[i, m],
+                        dt,
+                    )
                     vx, vy = _pedestrian(
                         m,
                         kinds[i],
