@@ -160,6 +160,20 @@ def train(
 
 
 @app.command()
+def study(
+    name: Annotated[str, typer.Argument(help="One of training/studies, or the path of a YAML file.")],
+    jobs: Jobs = CORES,
+    out: Annotated[Path, typer.Option(help="Folder of the study's CSV.")] = Path("results"),
+) -> int:
+    """Train and judge the variants of a study again; the same command goes on where it was stopped."""
+    from dualnav_lite.studies import load_study, run_study, summarise
+
+    print(load_study(name).question)
+    print(summarise(run_study(name, out, jobs)).to_string(index=False, float_format=lambda value: f"{value:.3f}"))
+    return 0
+
+
+@app.command()
 def notebooks(
     check: Annotated[bool, typer.Option("--check", help="Change nothing; exit 1 where something differs.")] = False,
     take_back: Annotated[str, typer.Option(help="Bring an edit made in JupyterLab into the source, as in 00.")] = "",

@@ -7,6 +7,7 @@ from dualnav_lite.rooms import StaticRoom, distance_to_line, draw, draw_count, f
 from dualnav_lite.scenario import Room, Scenario
 
 FILE, RANK, STAGGERED = range(3)
+PLACE_TRIES = 5  # for each person: a small room is soon full
 
 
 def _formation(rng, kind: int, count: int, spacing: np.ndarray):
@@ -104,10 +105,8 @@ def draw_people(rng, room: StaticRoom, scenario: Scenario, start, movers: list[M
     people = scenario.people
     for _ in range(draw_count(rng, people.count)):
         radius = draw(rng, people.radius_m)
-        waypoints = _walk(rng, room, radius + 0.15)
-        if waypoints is None or np.hypot(*(waypoints[0] - start[:2])) < 1.5:
-            continue
-        if not _is_apart(movers, waypoints[0], radius):
+        waypoints = _entrance(rng, room, start, movers, radius)
+        if waypoints is None:
             continue
         movers.append(
             MoverPlan(
@@ -121,6 +120,17 @@ def draw_people(rng, room: StaticRoom, scenario: Scenario, start, movers: list[M
         )
     if rng.random() < people.forklift_share:
         movers += _draw_forklift(rng, room, start, movers)
+
+
+def _entrance(rng, room: StaticRoom, start, movers, radius: float):
+    """Waypoints whose first is apart from the robot and from everybody else; None if a few draws found none."""
+    for _ in range(PLACE_TRIES):
+        waypoints = _walk(rng, room, radius + 0.15)
+        if waypoints is None:
+            return None
+        if np.hypot(*(waypoints[0] - start[:2])) >= 1.5 and _is_apart(movers, waypoints[0], radius):
+            return waypoints
+    return None
 
 
 def _walk(rng, room: StaticRoom, keep: float):

@@ -1,0 +1,146 @@
+"""Studies as data (`training/studies/`): variants of one training, several seeds each, judged on the same seeds."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import joblib
+import numpy as np
+import pandas as pd
+from pydantic import Field
+from scipy import stats
+from tqdm import tqdm
+
+from dualnav_lite.config import Config, Frozen, UnusableInput, read_yaml, validated, write_atomic
+from dualnav_lite.curriculum import Training, resolved_config, runs_folder, scenarios_of
+from dualnav_lite.deploy import EmbeddedPolicy
+from dualnav_lite.episodes import SEEDS
+from dualnav_lite.evaluate import evaluate
+from dualnav_lite.survival import survival
+from dualnav_lite.train import Trainer
+
+FOLDER = Path(__file__).resolve().parent.parent / "training" / "studies"
+KEY = ["study", "variant", "training_seed", "scenario"]
+COLUMNS = [
+    *KEY, "episodes", "survived", "survival_rate", "wilson_low", "wilson_high", "collisions", "timeouts",
+    "mean_min_clearance_m", "mean_energy_j", "train_steps",
+]  # fmt: skip
+SUMMARY = ["study", "variant", "scenario", "runs", "mean_rate", "low", "high", "deviation", "coefficient_of_variation"]
+Count = Annotated[int, Field(ge=1)]
+
+
+class Variant(Frozen):
+    """What a variant changes in the study's training; what it does not name stays."""
+
+    config: dict[str, Any] = {}  # dotted keys of `config.Config`  # noqa: RUF012
+    ppo: dict[str, Any] = {}  # settings of every PPO stage  # noqa: RUF012
+    head: str | None = None
+
+
+class Judge(Frozen):
+    """Where the trained policies are compared."""
+
+    scenarios: Annotated[list[str], Field(min_length=1)]
+    episodes: Count = 200
+    seed_base: Annotated[int, Field(ge=SEEDS["tuning"].start, lt=SEEDS["tuning"].stop)] = 1_050_000
+
+
+class Study(Frozen):
+    """A question, the training that answers it, and its variants; the first is what the others are held against."""
+
+    title: str
+    question: str
+    training: Training
+    variants: Annotated[dict[str, Variant], Field(min_length=1)]
+    seeds: Annotated[list[int], Field(min_length=1)]
+    judge: Judge
+
+    def training_of(self, variant: str, seed: int) -> Training:
+        """The training of one run, checked again as a whole."""
+        changes, values = self.variants[variant], self.training.model_dump()
+        values["title"], values["seed"] = f"{self.title}: {variant}", seed
+        values["config"] |= changes.config
+        values["head"] = changes.head or values["head"]
+        for stage in values["stages"]:
+            stage["ppo"] |= changes.ppo
+        return validated(Training, values, f"variant {variant}")
+
+
+def path_of(name: str) -> Path:
+    """File of a study: its name in `training/studies`, or a path that ends in .yaml."""
+    return Path(name) if name.endswith(".yaml") else FOLDER / f"{name}.yaml"
+
+
+def load_study(name: str) -> Study:
+    """The study of `path_of(name)`, every variant checked.
+
+    Raises:
+        UnusableInput: an unknown name, or a key that is wrong, named.
+    """
+    path = path_of(name)
+    if not path.exists():
+        known = ", ".join(sorted(one.stem for one in FOLDER.glob("*.yaml")))
+        raise UnusableInput(f"unknown study '{name}'; known: {known}")
+    study = validated(Study, read_yaml(path), str(path))
+    for variant in study.variants:
+        training = study.training_of(variant, 0)
+        resolved_config(training)
+        for stage in training.stages:
+            scenarios_of(stage, path.parent)
+    return study
+
+
+def load_policy(path: str, config: Config) -> EmbeddedPolicy:
+    """A policy that brings the settings it was trained under: what `evaluate` is given here."""
+    return EmbeddedPolicy(path)
+
+
+def run_one(name: str, variant: str, seed: int) -> list[dict]:
+    """Train and judge one variant with one seed; rows, one a scenario. What was done before is not done again."""
+    study = load_study(name)
+    training, judge = study.training_of(variant, seed), study.judge
+    folder = runs_folder() / f"study_{Path(name).stem}" / f"{variant}-seed{seed}"
+    trainer = Trainer(training, folder, path_of(name).parent, workers=1, device="cpu", say=lambda text: None)
+    trainer.run()
+    policy = str(trainer.export(folder)["onnx"])
+    seeds = range(judge.seed_base, judge.seed_base + judge.episodes)
+    rows = evaluate([policy], judge.scenarios, seeds, folder / "judged", make_planner=load_policy, progress=False)
+    own = {"study": Path(name).stem, "variant": variant, "training_seed": seed}
+    own["train_steps"] = sum(stage.steps for stage in training.stages if stage.kind == "ppo")
+    return [{key: (row | own)[key] for key in COLUMNS} for row in survival(rows).to_dict("records")]
+
+
+def run_study(name: str, out: str | Path, jobs: int = 1) -> pd.DataFrame:
+    """All runs of a study, `jobs` at a time; writes `<name>.csv` (a row a run and scenario) as they end.
+
+    Returns:
+        The rows, in the order of the study's variants.
+    """
+    study, path = load_study(name), Path(out) / f"{Path(name).stem}.csv"
+    runs = [(variant, seed) for seed in study.seeds for variant in study.variants]
+    order, rows = list(study.variants), []
+    calls = [joblib.delayed(run_one)(name, variant, seed) for variant, seed in runs]
+    with tqdm(total=len(runs), unit="run") as bar:
+        for found in joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(calls):
+            rows += found
+            rows.sort(key=lambda row: (order.index(row["variant"]), row["training_seed"], row["scenario"]))
+            write_atomic(path, pd.DataFrame(rows, columns=COLUMNS).to_csv(index=False, lineterminator="\n"))
+            bar.update()
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def summarise(rows: pd.DataFrame) -> pd.DataFrame:
+    """One row per variant and scenario: mean survival over training seeds, its t interval, and how much seeds differ.
+
+    `coefficient_of_variation` is the deviation across training seeds over their mean: the study's measure of
+    stability. One seed has neither interval nor deviation.
+    """
+    table = []
+    for (study, variant, scenario), group in rows.groupby(KEY[:2] + KEY[3:], sort=False):
+        rates, n = group.survival_rate.to_numpy(float), len(group)
+        mean, deviation = rates.mean(), rates.std(ddof=1) if n > 1 else np.nan
+        half = stats.t.ppf(0.975, n - 1) * deviation / np.sqrt(n) if n > 1 else np.nan
+        spread = deviation / mean if mean > 0 else np.nan
+        table.append(
+            [study, variant, scenario, n, mean, max(mean - half, 0.0), min(mean + half, 1.0), deviation, spread]
+        )
+    return pd.DataFrame(table, columns=SUMMARY)

@@ -1,0 +1,96 @@
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from dualnav_lite.config import UnusableInput
+from dualnav_lite.studies import COLUMNS, FOLDER, load_study, run_study, summarise
+
+TINY = {
+    "title": "tiny",
+    "question": "Does it run?",
+    "training": {
+        "title": "tiny",
+        "worlds": 2,
+        "config": {"preference": 0.5},
+        "stages": [
+            {
+                "name": "ppo",
+                "kind": "ppo",
+                "scenarios": ["navigation"],
+                "steps": 16,
+                "rollout_steps": 8,
+                "ppo": {"minibatch": 8, "micro_batch": 8, "epochs": 1},
+            }
+        ],
+    },
+    "variants": {"with": {}, "without": {"config": {"observation.intensity": False}, "ppo": {"epochs": 2}}},
+    "seeds": [3],
+    "judge": {"scenarios": ["pop_up"], "episodes": 2},
+}
+
+
+def written(folder, changes=None):
+    path = folder / "tiny.yaml"
+    path.write_text(yaml.safe_dump(TINY | (changes or {})), encoding="utf-8")
+    return str(path)
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.yaml")), ids=lambda path: path.stem)
+def test_shipped_studies_can_be_read_and_change_something(path):
+    study = load_study(path.stem)
+    trainings = [study.training_of(variant, 1).model_dump_json(exclude={"title"}) for variant in study.variants]
+    assert len(set(trainings)) == len(trainings) >= 2
+
+
+def test_a_variant_changes_what_it_names_and_nothing_else(tmp_path):
+    study = load_study(written(tmp_path))
+    plain, changed = (study.training_of(variant, 3) for variant in study.variants)
+    assert changed.config == {"preference": 0.5, "observation.intensity": False}
+    assert (plain.stages[0].ppo.epochs, changed.stages[0].ppo.epochs) == (1, 2)
+    assert plain.stages[0].scenarios == changed.stages[0].scenarios
+    assert plain.seed == changed.seed == 3
+
+
+def test_a_study_trains_and_judges_every_variant_and_goes_on_where_it_was(tmp_path, monkeypatch):
+    monkeypatch.setenv("DUALNAV_RUNS", str(tmp_path / "runs"))
+    name = written(tmp_path)
+    rows = run_study(name, tmp_path / "out")
+    assert list(rows.columns) == COLUMNS
+    assert rows.variant.tolist() == ["with", "without"]
+    assert (rows.episodes == 2).all()
+    assert (rows.train_steps == 16).all()
+    before = (tmp_path / "out" / "tiny.csv").read_bytes()
+    monkeypatch.setattr("dualnav_lite.ppo.update_policy", None)  # nothing is left to train
+    run_study(name, tmp_path / "out")
+    assert (tmp_path / "out" / "tiny.csv").read_bytes() == before
+
+
+def test_summary_by_hand():
+    rows = pd.DataFrame(
+        [["s", "a", seed, "navigation", rate] for seed, rate in enumerate([0.5, 0.7, 0.9])]
+        + [["s", "b", 0, "navigation", 0.4]],
+        columns=["study", "variant", "training_seed", "scenario", "survival_rate"],
+    )
+    a, b = summarise(rows).itertuples()
+    assert (a.runs, b.runs) == (3, 1)
+    assert a.mean_rate == pytest.approx(0.7)
+    assert a.coefficient_of_variation == pytest.approx(0.2 / 0.7)
+    assert a.low == pytest.approx(0.7 - 4.302653 * 0.2 / np.sqrt(3))  # t of two degrees of freedom, from a table
+    assert np.isnan(b.low)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"judge": {"scenarios": ["pop_up"], "seed_base": 2_000_000}}, "judge.seed_base"),  # test seeds choose nothing
+        ({"variants": {"a": {"config": {"map.cash": True}}}}, "unknown key"),
+        ({"variants": {"a": {"ppo": {"epoch": 3}}}}, "unknown key"),
+        ({"seed": 1}, "unknown key 'seed'"),
+    ],
+)
+def test_a_wrong_study_is_refused_by_name(tmp_path, changes, message):
+    with pytest.raises(UnusableInput, match=message):
+        load_study(written(tmp_path, changes))
+    with pytest.raises(UnusableInput, match=r"unknown study 'nothing'; known: .*stability"):
+        load_study("nothing")
