@@ -7,6 +7,7 @@ usage: python kit.py COMMAND [options]        python kit.py COMMAND --help
   test        the test suite; --slow adds the long tests; other options go to pytest
   train       a policy from a config in training/: imitation, PPO; goes on where it was stopped
   evaluate    any planner over scenarios and seeds, to episodes.csv
+  study       one of training/studies again: variants of a training, several seeds each
   bench       speed, with the peers of requirements-bench.txt in the same run
   figures     all figures
   notebooks   rebuild the notebooks from their sources; --check; --take-back NN
@@ -28,7 +29,7 @@ import tempfile
 ROOT = os.path.dirname(os.path.abspath(__file__))
 KERNELS = os.path.join(ROOT, "dualnav_lite", "kernels")
 OLDEST, NEWEST = (3, 11), (3, 13)
-SIMULATES = ("lab", "stress", "test", "train", "evaluate", "bench", "figures")
+SIMULATES = ("lab", "stress", "test", "train", "evaluate", "study", "bench", "figures")
 COMMANDS = SIMULATES + ("notebooks", "doctor", "warm")
 
 
