@@ -1,7 +1,7 @@
 """Studies as data (`training/studies/`): variants of one training, several seeds each, judged on the same seeds."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import joblib
 import numpy as np
@@ -10,7 +10,7 @@ from pydantic import Field
 from scipy import stats
 from tqdm import tqdm
 
-from dualnav_lite.config import Config, Frozen, UnusableInput, read_yaml, validated, write_atomic
+from dualnav_lite.config import Frozen, UnusableInput, read_yaml, validated, write_atomic
 from dualnav_lite.curriculum import Training, resolved_config, runs_folder, scenarios_of
 from dualnav_lite.deploy import EmbeddedPolicy
 from dualnav_lite.episodes import SEEDS
@@ -34,6 +34,7 @@ class Variant(Frozen):
     config: dict[str, Any] = {}  # dotted keys of `config.Config`  # noqa: RUF012
     ppo: dict[str, Any] = {}  # settings of every PPO stage  # noqa: RUF012
     head: str | None = None
+    learner: Literal["ours", "stable_baselines3"] = "ours"
 
 
 class Judge(Frozen):
@@ -89,23 +90,30 @@ def load_study(name: str) -> Study:
     return study
 
 
-def load_policy(path: str, config: Config) -> EmbeddedPolicy:
-    """A policy that brings the settings it was trained under: what `evaluate` is given here."""
-    return EmbeddedPolicy(path)
+def train_one(study: Study, variant: str, seed: int, folder: Path, home: Path):
+    """Train one run, or go on with it; the policy's file and what `evaluate` makes its driver with."""
+    training = study.training_of(variant, seed)
+    if study.variants[variant].learner == "ours":
+        trainer = Trainer(training, folder, home, workers=1, device="cpu", say=lambda text: None)
+        trainer.run()
+        return trainer.export(folder)["onnx"], lambda path, config: EmbeddedPolicy(path)
+    from dualnav_lite.peer_ppo import StableDriver, train_stable
+
+    path = folder / "policy.zip"
+    if not path.exists():
+        train_stable(training, path, home)
+    return path, lambda path, config: StableDriver(path, training.config, seed)
 
 
 def run_one(name: str, variant: str, seed: int) -> list[dict]:
     """Train and judge one variant with one seed; rows, one a scenario. What was done before is not done again."""
     study = load_study(name)
-    training, judge = study.training_of(variant, seed), study.judge
-    folder = runs_folder() / f"study_{Path(name).stem}" / f"{variant}-seed{seed}"
-    trainer = Trainer(training, folder, path_of(name).parent, workers=1, device="cpu", say=lambda text: None)
-    trainer.run()
-    policy = str(trainer.export(folder)["onnx"])
+    judge, folder = study.judge, runs_folder() / f"study_{Path(name).stem}" / f"{variant}-seed{seed}"
+    policy, make_driver = train_one(study, variant, seed, folder, path_of(name).parent)
     seeds = range(judge.seed_base, judge.seed_base + judge.episodes)
-    rows = evaluate([policy], judge.scenarios, seeds, folder / "judged", make_planner=load_policy, progress=False)
+    rows = evaluate([str(policy)], judge.scenarios, seeds, folder / "judged", make_planner=make_driver, progress=False)
     own = {"study": Path(name).stem, "variant": variant, "training_seed": seed}
-    own["train_steps"] = sum(stage.steps for stage in training.stages if stage.kind == "ppo")
+    own["train_steps"] = sum(stage.steps for stage in study.training.stages if stage.kind == "ppo")
     return [{key: (row | own)[key] for key in COLUMNS} for row in survival(rows).to_dict("records")]
 
 

@@ -39,7 +39,10 @@ def written(folder, changes=None):
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.yaml")), ids=lambda path: path.stem)
 def test_shipped_studies_can_be_read_and_change_something(path):
     study = load_study(path.stem)
-    trainings = [study.training_of(variant, 1).model_dump_json(exclude={"title"}) for variant in study.variants]
+    trainings = [
+        (study.variants[variant].learner, study.training_of(variant, 1).model_dump_json(exclude={"title"}))
+        for variant in study.variants
+    ]
     assert len(set(trainings)) == len(trainings) >= 2
 
 
@@ -94,3 +97,12 @@ def test_a_wrong_study_is_refused_by_name(tmp_path, changes, message):
         load_study(written(tmp_path, changes))
     with pytest.raises(UnusableInput, match=r"unknown study 'nothing'; known: .*stability"):
         load_study("nothing")
+
+
+def test_the_peer_learns_on_the_same_worlds_and_is_judged_like_ours(tmp_path, monkeypatch):
+    pytest.importorskip("stable_baselines3", reason="needs requirements-bench.txt")
+    monkeypatch.setenv("DUALNAV_RUNS", str(tmp_path / "runs"))
+    name = written(tmp_path, {"variants": {"ours": {}, "peer": {"learner": "stable_baselines3"}}})
+    rows = run_study(name, tmp_path / "out")
+    assert rows.variant.tolist() == ["ours", "peer"]
+    assert (rows.episodes == 2).all()
