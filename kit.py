@@ -8,6 +8,7 @@ usage: python kit.py COMMAND [options]        python kit.py COMMAND --help
   train       a policy from a config in training/: imitation, PPO; goes on where it was stopped
   evaluate    any planner over scenarios and seeds, to episodes.csv
   study       one of training/studies again: variants of a training, several seeds each
+  beyond      a table from beyond our own world: crowdnav, ...
   bench       speed, with the peers of requirements-bench.txt in the same run
   figures     all figures
   notebooks   rebuild the notebooks from their sources; --check; --take-back NN
@@ -29,7 +30,7 @@ import tempfile
 ROOT = os.path.dirname(os.path.abspath(__file__))
 KERNELS = os.path.join(ROOT, "dualnav_lite", "kernels")
 OLDEST, NEWEST = (3, 11), (3, 13)
-SIMULATES = ("lab", "stress", "test", "train", "evaluate", "study", "bench", "figures")
+SIMULATES = ("lab", "stress", "test", "train", "evaluate", "study", "beyond", "bench", "figures")
 COMMANDS = SIMULATES + ("notebooks", "doctor", "warm")
 
 

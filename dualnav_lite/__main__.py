@@ -174,6 +174,19 @@ def study(
 
 
 @app.command()
+def beyond(
+    name: Annotated[str, typer.Argument(help="One of the tables in dualnav_lite/beyond.py, as crowdnav.")],
+    quick: Annotated[bool, typer.Option("--quick", help="A few episodes, to see that it works.")] = False,
+    out: Annotated[Path, typer.Option(help="Folder of the table's CSV.")] = Path("results"),
+) -> int:
+    """Measure a table from beyond the kit's own world again: CrowdNav's protocol and others."""
+    from dualnav_lite.beyond import run as measure
+
+    print(measure(name, out, quick).to_string(index=False, float_format=lambda value: f"{value:.3f}"))
+    return 0
+
+
+@app.command()
 def notebooks(
     check: Annotated[bool, typer.Option("--check", help="Change nothing; exit 1 where something differs.")] = False,
     take_back: Annotated[str, typer.Option(help="Bring an edit made in JupyterLab into the source, as in 00.")] = "",

@@ -1,0 +1,190 @@
+"""This kit's robot in CrowdNav's protocol: wheels, 0.8 m/s, ten decisions a second, and nothing but its lidar."""
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from dualnav_lite.config import Config, with_overrides
+from dualnav_lite.crowdnav import (
+    GOAL,
+    HOLONOMIC,
+    KNOWN,
+    LIMIT_S,
+    RADIUS_M,
+    START,
+    TEST_CASES,
+    TEST_SEED,
+    Case,
+    least_distance,
+    make_case,
+    run_holonomic,
+)
+from dualnav_lite.deploy import make_driver
+from dualnav_lite.interface import split_infos
+from dualnav_lite.metrics import exact_interval, wilson_interval
+from dualnav_lite.perception import Percept, Perception
+from dualnav_lite.robot import Robots
+from dualnav_lite.scenario import load_scenario
+from dualnav_lite.scene import Scene
+from dualnav_lite.semantics import Surface
+
+WORLDS = 25  # side by side; rows do not depend on it
+PIECES = 2  # of a control step: 0.05 s, in each of which everybody goes straight (people turn every 0.25 s)
+COLUMNS = [
+    "people", "arm", "knows", "plans_with_m", "judged_with_m", "cases", "success_rate", "wilson_low", "wilson_high",
+    "exact_low", "exact_high", "collision_rate", "timeout_rate", "mean_time_s", "known_success", "known_collision",
+    "known_time_s",
+]  # fmt: skip
+
+
+class CrowdWorlds:
+    """The truth of n cases side by side, with what `Perception` reads of a `Simulation`; no walls anywhere."""
+
+    def __init__(self, cases: list[Case], config: Config):
+        n, people = len(cases), cases[0].positions.shape[1]
+        self.cases, self.config = cases, config
+        self.robots, self.scene = Robots(n, config), Scene.empty(n)
+        self.poses = np.tile([*START, 0.5 * np.pi], (n, 1))
+        self.goals = np.tile(GOAL, (n, 1))
+        self.steps = np.zeros(n, np.int64)
+        self.contact_s = np.full((n, 2), np.inf)  # first contact with a hull of 0.3 m, and with its own
+        self.arrival_s = np.full(n, np.inf)
+        self._reach = RADIUS_M + np.array([RADIUS_M, config.robot.hull_radius_m])
+        for i in range(n):
+            self.robots.reset(i, TEST_SEED + i, self.poses[i], 1.0)
+            self.scene.add_circles(i, np.zeros((people, 3)), Surface.PERSON)
+        self._place_people()
+
+    def _place_people(self) -> None:
+        time_s = self.steps[0] * self.config.control_dt_s
+        people = np.stack([case.at(time_s) for case in self.cases])
+        self.scene.circles[:, : people.shape[1], :2] = people
+        self.scene.circles[:, : people.shape[1], 2] = RADIUS_M
+
+    def advance(self, commands) -> None:
+        """One control step; contacts and arrivals are noted with their time, and nothing stops."""
+        dt = self.config.control_dt_s
+        begin_s, before = float(self.steps[0] * dt), self.poses.copy()
+        self.robots.drive(before[:, 2], np.asarray(commands, float))
+        self.poses = before + self.robots.displacement
+        self.robots.odometry(before, self.poses)
+        for piece in range(PIECES):
+            self._judge_piece(begin_s + piece * dt / PIECES, begin_s + (piece + 1) * dt / PIECES, before, piece)
+        self.steps += 1
+        self._place_people()
+
+    def _judge_piece(self, from_s: float, to_s: float, before, piece: int) -> None:
+        move = (self.poses[:, :2] - before[:, :2]) / PIECES
+        for i, case in enumerate(self.cases):
+            start = before[i, :2] + piece * move[i]
+            people = case.at(from_s)
+            closest = least_distance(people - start, case.at(to_s) - people - move[i]).min()
+            touched = (closest < self._reach) & np.isinf(self.contact_s[i])
+            self.contact_s[i, touched] = to_s
+            if np.isinf(self.arrival_s[i]) and np.hypot(*(start + move[i] - GOAL)) < RADIUS_M:
+                self.arrival_s[i] = to_s
+
+    def outcomes(self, hull: int) -> list[tuple[str, float]]:
+        """Outcome and time [s] of each case by the hull of column `hull` of `contact_s`."""
+        found = []
+        for contact, arrival in zip(self.contact_s[:, hull], self.arrival_s, strict=True):
+            kind = "collision" if contact <= arrival else "success"
+            ended = min(contact, arrival)
+            found.append((kind, float(ended)) if ended <= LIMIT_S else ("timeout", LIMIT_S))
+        return found
+
+
+def infos_of(worlds: CrowdWorlds, percept: Percept, preference: float) -> list[dict]:
+    """What planners and policies may know, a dictionary a case."""
+    n = len(worlds.cases)
+    fields = {
+        "scan": percept.scans,
+        "pose": percept.pose,
+        "twist": worlds.robots.twist.copy(),
+        "battery": worlds.robots.battery.copy(),
+        "goal_robot": percept.goal_robot,
+        "guide_robot": percept.guide_robot,
+        "path_robot": percept.path_robot,
+        "map": percept.map,
+        "map_age_s": percept.map_age_s,
+        "preference": np.full(n, preference),
+        "tracks": dict(vars(percept.tracks)),
+        "idle": worlds.arrival_s < np.inf,
+    }
+    return split_infos(fields, n)
+
+
+def drive_cases(arm: str, cases: list[Case], config: Config, preference: float = 0.0) -> CrowdWorlds:
+    """Let a lidar arm of this kit drive some cases to their end.
+
+    Args:
+        arm: as in `deploy.make_driver`.
+        cases: with equally many people each.
+        config: of the robot and its senses.
+        preference: of the policy; 0, all safety, since the protocol asks for nothing else.
+    """
+    worlds, n = CrowdWorlds(cases, config), len(cases)
+    perception, driver = Perception(n, config), make_driver(arm, config)
+    scenario, everybody = load_scenario("navigation"), np.ones(n, bool)
+    sim: Any = worlds  # stands in for a `Simulation`
+    for i in range(n):
+        perception.reset(i, scenario, TEST_SEED + i, sim)
+    driver.reset(np.arange(n))
+    preferences = np.full(n, preference)
+    while worlds.steps[0] * config.control_dt_s < LIMIT_S:
+        percept = perception.sense(sim, everybody, np.zeros(n, bool))
+        observations = perception.encode(percept, sim, preferences, slice(None))
+        commands = np.array(driver.act(observations, infos_of(worlds, percept, preference)), float)
+        done = (worlds.arrival_s < np.inf) | (worlds.contact_s[:, 1] < np.inf)
+        if done.all():
+            break
+        commands[done] = 0.0
+        worlds.advance(np.clip(commands, -_limits(config), _limits(config)))
+    return worlds
+
+
+def _limits(config: Config) -> np.ndarray:
+    return np.array([config.hardware.max_lin_vel, config.hardware.max_ang_vel])
+
+
+def row_of(people: int, arm: str, knows: str, radii: tuple[float, float], results: list[tuple[str, float]]) -> dict:
+    """A row of the table from the outcomes of its cases; `radii` are the hull it plans with and is judged with [m]."""
+    n, kinds = len(results), [kind for kind, _ in results]
+    successes = kinds.count("success")
+    times = [time for kind, time in results if kind == "success"]
+    rates = [successes / n, *wilson_interval(successes, n), *exact_interval(successes, n)]
+    rest = [kinds.count("collision") / n, kinds.count("timeout") / n, np.mean(times) if times else np.nan]
+    known = KNOWN.get((arm, people), (None, None, None))
+    return dict(zip(COLUMNS, [people, arm, knows, *radii, n, *rates, *rest, *known], strict=True))
+
+
+def crowdnav_table(
+    people=(5, 10), arms=("cv_sampling", "cv_sampling+", "astar", "ppo"), cases: int = TEST_CASES, config=None
+) -> pd.DataFrame:
+    """The protocol's table: its own arms, and this kit's on lidar alone, judged by their hull and by the robot's own.
+
+    Args:
+        people: how many, a block of rows each.
+        arms: of this kit, as in `deploy.make_driver`; a + behind a planner lets it plan with the protocol's hull.
+        cases: test cases, from the first.
+        config: of the robot; the defaults if None.
+    """
+    config, rows = config or Config(), []
+    for count in people:
+        drawn = [make_case(TEST_SEED + k, count) for k in tqdm(range(cases), f"{count} people", leave=False)]
+        for name, choose in HOLONOMIC.items():
+            results = [run_holonomic(case, choose) for case in drawn]
+            rows.append(row_of(count, name, "true positions and velocities", (RADIUS_M, RADIUS_M), results))
+        for arm in arms:
+            own = with_overrides(config, {"robot.hull_radius_m": RADIUS_M}) if arm.endswith("+") else config
+            worlds = [
+                drive_cases(arm.rstrip("+"), drawn[first : first + WORLDS], own)
+                for first in tqdm(range(0, cases, WORLDS), f"{count} people, {arm}", leave=False)
+            ]
+            plans_with = own.robot.hull_radius_m
+            for hull, judged_with in enumerate(dict.fromkeys((RADIUS_M, plans_with))):
+                results = [result for block in worlds for result in block.outcomes(hull)]
+                rows.append(row_of(count, arm.rstrip("+"), "lidar", (plans_with, judged_with), results))
+    return pd.DataFrame(rows, columns=COLUMNS)
