@@ -4,6 +4,8 @@ import io
 import math
 import pickle
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -275,46 +277,84 @@ def fit(actor: Actor, optimizer, shards: Sequence[Labels], settings: Imitation, 
     """
     edges = np.cumsum([0, *(len(shard) for shard in shards)])
     losses = []
-    for update in range(updates):
-        if rates is not None:
-            share = 0.5 * (1.0 + math.cos(math.pi * update / updates))
-            for group in optimizer.param_groups:
-                group["lr"] = rates[1] + (rates[0] - rates[1]) * share
-        chosen = np.sort(rng.integers(edges[-1], size=settings.batch))
-        owner = np.searchsorted(edges, chosen, side="right") - 1
-        parts = [(shards[k], chosen[owner == k] - edges[k]) for k in np.unique(owner)]
-        images, bands, costs = (
-            np.concatenate([getattr(shard, name)[rows] for shard, rows in parts])
-            for name in ("images", "bands", "costs")
-        )
-        order = rng.permutation(settings.batch)
-        images, bands, costs = images[order], bands[order], costs[order]
-        half = settings.batch // 2
-        flipped = mirrored(images[:half], bands[:half], costs[:half], actor.head.grid_shape)
-        images, bands, costs = (
-            np.concatenate([a, b[half:]]) for a, b in zip(flipped, (images, bands, costs), strict=True)
-        )
-        losses.append(_descend(actor, optimizer, images, bands, costs, settings))
-        if not np.isfinite(losses[-1]):
-            raise FloatingPointError(f"imitation loss is {losses[-1]} in batch {update} of {updates}")
+    with Twin(actor) as twin:
+        for update in range(updates):
+            if rates is not None:
+                share = 0.5 * (1.0 + math.cos(math.pi * update / updates))
+                for group in optimizer.param_groups:
+                    group["lr"] = rates[1] + (rates[0] - rates[1]) * share
+            chosen = np.sort(rng.integers(edges[-1], size=settings.batch))
+            owner = np.searchsorted(edges, chosen, side="right") - 1
+            parts = [(shards[k], chosen[owner == k] - edges[k]) for k in np.unique(owner)]
+            images, bands, costs = (
+                np.concatenate([getattr(shard, name)[rows] for shard, rows in parts])
+                for name in ("images", "bands", "costs")
+            )
+            order = rng.permutation(settings.batch)
+            images, bands, costs = images[order], bands[order], costs[order]
+            half = settings.batch // 2
+            flipped = mirrored(images[:half], bands[:half], costs[:half], actor.head.grid_shape)
+            images, bands, costs = (
+                np.concatenate([a, b[half:]]) for a, b in zip(flipped, (images, bands, costs), strict=True)
+            )
+            losses.append(_descend(actor, twin, optimizer, images, bands, costs, settings))
+            if not np.isfinite(losses[-1]):
+                raise FloatingPointError(f"imitation loss is {losses[-1]} in batch {update} of {updates}")
     return float(np.mean(losses[-max(1, updates // 10) :]))
 
 
-def _descend(actor: Actor, optimizer, images, bands, costs, settings: Imitation) -> float:
-    """One optimiser step on a batch, in micro-batches that stay in the cache."""
+class Twin:
+    """A second network with the weights of the first and gradients of its own, for a thread on the other core."""
+
+    def __init__(self, actor: Actor):
+        self.actor = deepcopy(actor)
+        self._pairs = list(zip(actor.parameters(), self.actor.parameters(), strict=True))
+        for original, copy in self._pairs:
+            copy.data = original.data  # one storage: an optimiser that changes it in place changes both
+        self._pool = ThreadPoolExecutor(1)
+
+    def start(self, work, *arguments):
+        """Run `work(actor, *arguments)` beside the caller, from empty gradients; a future."""
+        self.actor.zero_grad(set_to_none=True)
+        return self._pool.submit(work, self.actor, *arguments)
+
+    def hand_over(self) -> None:
+        """Add the gradients to those of the first network."""
+        for original, copy in self._pairs:
+            original.grad.add_(copy.grad)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self._pool.shutdown()
+
+
+def _descend(actor: Actor, twin: Twin, optimizer, images, bands, costs, settings: Imitation) -> float:
+    """One optimiser step on a batch, half of it a core; the loss."""
     optimizer.zero_grad(set_to_none=True)
+    half, share = len(images) // 2, 1.0 / len(images)
+    beside = twin.start(_gradient, images[half:], bands[half:], costs[half:], settings, share)
+    loss = _gradient(actor, images[:half], bands[:half], costs[:half], settings, share)
+    loss += beside.result()
+    twin.hand_over()
+    torch.nn.utils.clip_grad_norm_(actor.parameters(), 1.0)
+    optimizer.step()
+    return loss
+
+
+def _gradient(actor: Actor, images, bands, costs, settings: Imitation, share: float) -> float:
+    """Add a part's gradient, each sample weighted by `share`, in micro-batches that stay in the cache; its loss."""
     total, device = 0.0, device_of(actor)
     for start in range(0, len(images), settings.micro_batch):
         part = slice(start, start + settings.micro_batch)
         pictures, numbers = (one.to(device) for one in unpack(images[part], bands[part]))
         log_probabilities = actor.head(actor.trunk.join(pictures, numbers))
-        share = len(pictures) / len(images)
         wanted = torch.from_numpy(costs[part]).to(device).float()
-        loss = share * imitation_loss(log_probabilities, wanted, settings.temperature_m, settings.caution)
+        loss = imitation_loss(log_probabilities, wanted, settings.temperature_m, settings.caution)
+        loss = loss * (share * len(pictures))
         loss.backward()
         total += loss.item()
-    torch.nn.utils.clip_grad_norm_(actor.parameters(), 1.0)
-    optimizer.step()
     return total
 
 

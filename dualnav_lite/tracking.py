@@ -14,11 +14,11 @@ _MEMORY = 10  # scans kept to ask what was free before
 
 @dataclass
 class Tracks:
-    """The nearest moving things of n worlds, nearest first.
+    """The nearest things of n worlds that move, or stand but have walked before; nearest first.
 
     Attributes:
         positions: (n, K, 2) centres [m], robot frame.
-        velocities: (n, K, 2) over ground [m/s], along the robot frame's axes.
+        velocities: (n, K, 2) over ground [m/s], along the robot frame's axes; zero for what stands.
         radii: (n, K) [m].
         ages: (n, K) scans since first seen.
         valid: (n, K) bool; other rows are zero.
@@ -36,7 +36,8 @@ class Tracker:
 
     A scan is cut at range jumps; each small, bright enough cluster is placed as a round thing, matched to the nearest
     track and smoothed by a Kalman filter of constant velocity. A track moves once it is faster than 0.25 m/s *and*
-    stands where an earlier scan saw free space, or has left a place that is now seen free.
+    stands where an earlier scan saw free space, or has left a place that is now seen free. What has moved for a
+    second is kept in mind when it stops: a person who stands may walk on at any moment, a wardrobe will not.
 
     Args:
         num_envs: number of worlds n.

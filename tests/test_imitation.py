@@ -212,3 +212,31 @@ def test_the_state_of_a_last_round_can_be_read_again(labels, tmp_path):
     fit(actor, optimizer, [labels], SMALL, streams.stream(0, "fit"), updates=2, rates=(1e-3, 1e-4))
     save_weights(tmp_path / "state.pth", optimizer.state_dict())
     assert load_weights(tmp_path / "state.pth")["param_groups"][0]["lr"] == pytest.approx(5.5e-4)
+
+
+def test_two_halves_on_two_cores_descend_as_one_batch_does(labels):
+    def weights_after(descend):
+        actor = student()
+        optimizer = torch.optim.SGD(actor.parameters(), lr=0.1)
+        descend(actor, optimizer)
+        return torch.cat([p.detach().ravel() for p in actor.parameters()])
+
+    def halved(actor, optimizer):
+        fit(actor, optimizer, [labels], SMALL, streams.stream(0, "fit"), updates=1)
+
+    def whole(actor, optimizer):
+        # The batch that `fit` draws, once more by hand: chosen rows, shuffled, the first half mirrored.
+        rng = streams.stream(0, "fit")
+        rows = np.sort(rng.integers(len(labels), size=SMALL.batch))[rng.permutation(SMALL.batch)]
+        images, bands, costs = labels.images[rows], labels.bands[rows], labels.costs[rows]
+        half = SMALL.batch // 2
+        flipped = mirrored(images[:half], bands[:half], costs[:half], actor.head.grid_shape)
+        images, bands, costs = (
+            np.concatenate([a, b[half:]]) for a, b in zip(flipped, (images, bands, costs), strict=True)
+        )
+        log_probabilities = actor.head(actor.trunk.join(*unpack(images, bands)))
+        imitation_loss(log_probabilities, torch.from_numpy(costs).float(), SMALL.temperature_m).backward()
+        torch.nn.utils.clip_grad_norm_(actor.parameters(), 1.0)
+        optimizer.step()
+
+    assert torch.allclose(weights_after(halved), weights_after(whole), atol=1e-6)

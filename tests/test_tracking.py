@@ -87,6 +87,18 @@ def test_standing_people_are_no_movers_and_become_some_when_they_walk_off():
     assert all(seen[33:])
 
 
+def test_who_has_walked_is_kept_in_mind_standing_and_has_no_speed():
+    stage, tracker, pose = Stage(), Tracker(1), np.array([3.0, 4.0, 0.0])
+    speeds = []
+    for step in range(80):
+        y = 2.5 + 0.08 * min(step, 25)  # walks for 2.5 s, then stands
+        tracks = tracker.update(pose[None], stage.scan(pose, people=[[5.5, y, 0.27]]))
+        speeds.append(np.hypot(*tracks.velocities[0, 0]) if tracks.valid[0, 0] else np.nan)
+    assert np.nanmin(speeds[10:25]) > 0.6
+    assert np.isfinite(speeds[10:]).all()  # never lost
+    assert not np.any(speeds[36:])  # a second later it is known to stand
+
+
 def visible_share(people, pose):
     """(k,) share of each person's width that the robot sees past the others, by 21 lines of sight each."""
     shares = np.zeros(len(people))

@@ -9,8 +9,8 @@ from dualnav_lite.kernels.clusters import USUAL_RADIUS_M, locate, range_noise, r
 from dualnav_lite.kernels.free_space import sees_free, was_free
 
 # Columns of a track. Position and velocity share one covariance for both axes.
-X, Y, VX, VY, P_POS, P_CROSS, P_VEL, RADIUS, AGE, HITS, MISSES, EVIDENCE, MOVING = range(13)
-COLUMNS = 13
+X, Y, VX, VY, P_POS, P_CROSS, P_VEL, RADIUS, AGE, HITS, MISSES, EVIDENCE, MOVING, WALKED = range(14)
+COLUMNS = 14
 
 ACCELERATION_NOISE = 0.15  # [m2/s3] spectral density
 CENTRE_NOISE = (0.003, 0.4, 0.003)  # standard deviation of a centre: floor [m], share of the range noise, and per metre
@@ -21,6 +21,7 @@ CAME_LAGS, LEFT_LAGS = (3, 8), (4, 9)  # scans back that are asked whether a pla
 YOUNG_AGE = 12  # scans
 EVIDENCE_YOUNG, EVIDENCE_OLD, EVIDENCE_MOST = 1.0, 2.0, 5.0  # what has long stood still must show more
 START_SPEED_M_S, STOP_SPEED_M_S = 0.25, 0.12
+WALKER_SCANS = 10  # what has moved for so many scans is kept in mind when it stands: it may walk on at any moment
 MIN_HITS = 3
 MAX_MISSES = 8.0
 GONE_MISSES = 4.0  # what a scan counts that sees the track's place free
@@ -217,6 +218,7 @@ def _step_world(scan, pose, dt, tracks, places, ranges, poses, count):
                 )
             else:
                 track[MOVING], track[EVIDENCE] = 0.0, max(0.0, track[EVIDENCE] - 0.5)
+            track[WALKED] += track[MOVING]
     row = 0
     for m in range(found):
         if owner[m] < 0 and row < tracks.shape[0]:
@@ -248,7 +250,7 @@ def step_tracks(scans, poses_odom, active, dt, tracks, places, past_ranges, past
 
 @njit(cache=True)
 def nearest_movers(tracks, poses_odom, positions, velocities, radii, ages, valid):
-    """The nearest moving tracks of each world, nearest first, seen from the robot.
+    """The nearest tracks of each world that move or have walked before, nearest first, seen from the robot.
 
     Args:
         tracks: (n, T, COLUMNS); poses_odom: (n, 3).
@@ -262,7 +264,8 @@ def nearest_movers(tracks, poses_odom, positions, velocities, radii, ages, valid
         for row in range(limit):
             nearest, best = -1, np.inf
             for t in range(tracks.shape[1]):
-                if tracks[i, t, MOVING] > 0.0 and tracks[i, t, MISSES] < GONE_MISSES and not taken[t]:
+                is_mover = tracks[i, t, MOVING] > 0.0 or tracks[i, t, WALKED] >= WALKER_SCANS
+                if is_mover and tracks[i, t, MISSES] < GONE_MISSES and not taken[t]:
                     distance = math.hypot(tracks[i, t, X] - poses_odom[i, 0], tracks[i, t, Y] - poses_odom[i, 1])
                     if distance < best:
                         nearest, best = t, distance
@@ -276,7 +279,7 @@ def nearest_movers(tracks, poses_odom, positions, velocities, radii, ages, valid
             track = tracks[i, nearest]
             dx, dy = track[X] - poses_odom[i, 0], track[Y] - poses_odom[i, 1]
             positions[i, row, 0], positions[i, row, 1] = c * dx + s * dy, c * dy - s * dx
-            velocities[i, row, 0] = c * track[VX] + s * track[VY]
-            velocities[i, row, 1] = c * track[VY] - s * track[VX]
+            vx, vy = track[VX] * track[MOVING], track[VY] * track[MOVING]  # what stands has the speed of its noise
+            velocities[i, row, 0], velocities[i, row, 1] = c * vx + s * vy, c * vy - s * vx
             radii[i, row] = track[RADIUS]
             ages[i, row] = int(track[AGE])
