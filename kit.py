@@ -2,7 +2,7 @@
 
 usage: python kit.py COMMAND [options]        python kit.py COMMAND --help
 
-  lab         JupyterLab, opened at notebooks/00_start_here.ipynb
+  lab         JupyterLab, opened at notebooks/00_start_here.ipynb; --student: the student version, in course/
   stress      the scenarios through papermill: survival table, executed notebooks, a report
   test        the test suite; --slow adds the long tests; other options go to pytest
   train       a policy from a config in training/: imitation, PPO; goes on where it was stopped
@@ -12,6 +12,8 @@ usage: python kit.py COMMAND [options]        python kit.py COMMAND --help
   bench       speed, with the peers of requirements-bench.txt in the same run
   figures     all figures
   notebooks   rebuild the notebooks from their sources; --check; --take-back NN
+  release     the student version of the kit, in a new folder
+  status      which exercises pass, and whose part is used for each
   doctor      what works on this machine
   warm        compile the kernels now
 
@@ -31,7 +33,7 @@ ROOT = os.path.dirname(os.path.abspath(__file__))
 KERNELS = os.path.join(ROOT, "dualnav_lite", "kernels")
 OLDEST, NEWEST = (3, 11), (3, 13)
 SIMULATES = ("lab", "stress", "test", "train", "evaluate", "study", "beyond", "bench", "figures")
-COMMANDS = SIMULATES + ("notebooks", "doctor", "warm")
+COMMANDS = SIMULATES + ("notebooks", "release", "status", "doctor", "warm")
 
 
 def say(text):
@@ -151,7 +153,9 @@ def warm(python, variables):
 def command_line(python, command, options):
     """Arguments and working folder of a command."""
     if command == "lab":
-        return [python, "-m", "jupyterlab", "notebooks/00_start_here.ipynb"] + options, ROOT
+        lessons = "course" if "--student" in options else "notebooks"
+        others = [option for option in options if option != "--student"]
+        return [python, "-m", "jupyterlab", lessons + "/00_start_here.ipynb"] + others, ROOT
     if command == "test":
         everything = ["-m", ""] if "--slow" in options else []  # the default, in pyproject.toml, is "not slow"
         return [python, "-m", "pytest"] + everything + [option for option in options if option != "--slow"], ROOT
@@ -188,6 +192,9 @@ def main(arguments):
         if command == "warm":
             say("the kernels are compiled")
             return 0
+    if command == "lab" and "--student" in options:
+        release = [python, "-m", "dualnav_lite", "release", "course", "--lessons-only"]
+        run(release, "the student version could not be written", cwd=ROOT, env=variables)
     line, folder = command_line(python, command, options)
     return hand_over(line, folder, variables)
 

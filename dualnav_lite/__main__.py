@@ -206,6 +206,42 @@ def notebooks(
 
 
 @app.command()
+def release(
+    out: Annotated[Path, typer.Argument(help="A folder that is not there yet.")],
+    lessons_only: Annotated[
+        bool, typer.Option("--lessons-only", help="The notebooks alone; keeps those there.")
+    ] = False,
+) -> int:
+    """The student version: stubs in place of solutions, the library whole."""
+    from dualnav_lite import course
+
+    if lessons_only:
+        written = course.write_lessons(out)
+        print(f"{len(written)} lessons written to {out}" if written else f"every lesson is in {out} already")
+        return 0
+    print(f"student version: {course.release(out)}")
+    return 0
+
+
+@app.command()
+def status(
+    folder: Annotated[Path, typer.Argument(help="Folder with the lessons' notebooks.")] = Path("notebooks"),
+    export: Annotated[Path | None, typer.Option(help="Write your parts here, for `stress --parts`.")] = None,
+    lang: Annotated[str | None, typer.Option(help="en or zh; $DUALNAV_LANG if not given.")] = None,
+) -> int:
+    """Which exercises pass, and whose part is used for each; with --export, your parts as a folder."""
+    from dualnav_lite import parts
+
+    if not folder.is_dir():
+        raise UnusableInput(f"{folder}: no such folder")
+    parts.status(folder, lang)
+    if export:
+        found = parts.export_parts(folder, export)
+        print(f"{sum(one.is_yours for one in found.values())} of your parts: {export}")
+    return 0
+
+
+@app.command()
 def doctor() -> int:
     """What works on this machine: versions, sandbox, fonts, browser, cores, speed."""
     from dualnav_lite.doctor import findings

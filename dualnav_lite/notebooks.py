@@ -16,6 +16,7 @@ import jupytext
 import nbformat
 
 from dualnav_lite.config import UnusableInput, write_atomic
+from dualnav_lite.exercises import exercise_block
 
 FOLDERS = ("notebooks", "stress_tests")
 ROOT = Path(__file__).resolve().parent.parent
@@ -23,7 +24,7 @@ METADATA = {
     "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
     "language_info": {"name": "python"},
 }
-CELL_METADATA = ("grade_id", "tags")  # what a source may say about a cell; JupyterLab's own marks stay out of it
+CELL_METADATA = ("grade_id", "points", "tags")  # what a source may say of a cell; JupyterLab's own marks stay out
 
 
 def _slug(text: str) -> str:
@@ -41,11 +42,31 @@ def _named_cells(cells) -> list:
             headings += 1
             section = _slug(heading[1]) or f"section-{headings}"
         seen[section] += 1
-        metadata = {key: cell.metadata[key] for key in CELL_METADATA if cell.metadata.get(key)}
+        metadata = _said_of(cell)
         new = getattr(nbformat.v4, f"new_{cell.cell_type}_cell")
         identity = metadata.get("grade_id", f"{section}-{seen[section]}")
+        if not re.fullmatch(r"[A-Za-z0-9_-]+", identity):
+            raise UnusableInput(f"a grade_id is made of letters, digits, - and _, got '{identity}'")
         named.append(new(source=cell.source.strip("\n"), metadata=metadata, id=identity))
     return named
+
+
+def _said_of(cell) -> dict:
+    """What a source says of a cell; in a notebook nbgrader's block holds a part of it."""
+    block = cell.metadata.get("nbgrader", {})
+    if "given" in cell.metadata.get("tags", []):
+        block = {}  # its grade_id is the cell's id
+    everything = {**block, **cell.metadata}
+    return {key: everything[key] for key in CELL_METADATA if everything.get(key) not in (None, "", [])}
+
+
+def _with_blocks(cells) -> list:
+    """The cells as a notebook holds them: exercise id and points stand in nbgrader's block."""
+    for cell in cells:
+        block = exercise_block(cell.metadata, cell.source, cell.id)
+        if block:
+            cell.metadata = {"nbgrader": block} | {k: v for k, v in cell.metadata.items() if k == "tags"}
+    return cells
 
 
 def _fingerprint(cells) -> str:
@@ -68,7 +89,7 @@ def to_notebook(source: str) -> str:
         raise UnusableInput(
             f"cell id '{repeated[0]}' stands for {ids[repeated[0]]} cells; give one a grade_id of its own"
         )
-    notebook = nbformat.v4.new_notebook(cells=cells, metadata=METADATA | made_from)
+    notebook = nbformat.v4.new_notebook(cells=_with_blocks(cells), metadata=METADATA | made_from)
     notebook.nbformat_minor = 5
     try:
         return nbformat.writes(notebook) + "\n"

@@ -19,7 +19,9 @@ seed = 1
 # ## 2. 看一看
 
 # %% grade_id="energy" tags=["solution"]
+### BEGIN SOLUTION
 answer = seed + 1
+### END SOLUTION
 
 # %%
 with open("answer.txt", "w", encoding="utf-8") as file:

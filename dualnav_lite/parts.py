@@ -1,0 +1,177 @@
+"""A student's parts: taken from the solution cells of the notebooks, used where they pass, the library's elsewhere."""
+
+import contextlib
+import io
+import json
+import sys
+import types
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import nbformat
+
+from dualnav_lite.check import LESSONS, judge, lesson_of, reference
+from dualnav_lite.check.verdict import NotDone, Text, language_of
+from dualnav_lite.config import UnusableInput, write_atomic
+
+SUMMARY = "parts.json"
+STATES = {
+    "passed": Text("passed", "通过"),
+    "wrong": Text("not right yet", "还不对"),
+    "not done": Text("not done yet", "尚未完成"),
+    "no notebook": Text("no notebook here", "此处没有笔记本"),
+}
+YOURS = Text("{id}: yours", "{id}：使用你的实现")
+LIBRARY = Text("{id}: the library's ({state})", "{id}：使用库的实现（{state}）")
+
+
+@dataclass(frozen=True)
+class Part:
+    """The function that stands for an exercise.
+
+    Attributes:
+        exercise, lesson: ids.
+        state: a key of `STATES`.
+        function: the student's where it passed, else the library's.
+    """
+
+    exercise: str
+    lesson: str
+    state: str
+    function: Callable
+
+    @property
+    def is_yours(self) -> bool:
+        """Whether the student's function is used."""
+        return self.state == "passed"
+
+
+def cells_of(path: Path) -> list[tuple[str, str]]:
+    """(exercise or "", source) of the given and solution cells of a notebook, in order.
+
+    Raises:
+        UnusableInput: no notebook can be read from the file.
+    """
+    try:
+        notebook = nbformat.reads(path.read_text(encoding="utf-8"), as_version=4)
+        kept = []
+        for cell in notebook.cells:
+            tags = cell.metadata.get("tags", [])
+            if cell.cell_type == "code" and ("given" in tags or "solution" in tags):
+                kept.append((cell.get("id", "") if "solution" in tags else "", cell.source))
+    except (OSError, ValueError, AttributeError, nbformat.ValidationError) as error:
+        raise UnusableInput(f"{path.name}: not a notebook that can be read: {error}") from None
+    return kept
+
+
+def _run(cells: list[tuple[str, str]], name: str) -> dict:
+    """Names that the cells define; a cell that raises defines nothing, and no cell prints."""
+    module = types.ModuleType(name)
+    sys.modules[name] = module
+    for exercise, source in cells:
+        with contextlib.suppress(Exception), contextlib.redirect_stdout(io.StringIO()):
+            exec(compile(source, f"{name}.{exercise or 'given'}", "exec"), module.__dict__)
+    return module.__dict__
+
+
+def lesson_parts(lesson: str, cells: list[tuple[str, str]] | None) -> dict[str, Part]:
+    """The part of each exercise of a lesson; cells None means that there is no notebook."""
+    found = _run(cells, f"parts_of_{lesson}") if cells else {}
+    parts = {}
+    for exercise in LESSONS[lesson]:
+        mine = found.get(exercise)
+        if mine is None:
+            state = "not done" if cells else "no notebook"
+        else:
+            wrong = judge(exercise, mine)
+            state = "passed" if wrong is None else "not done" if isinstance(wrong, NotDone) else "wrong"
+        parts[exercise] = Part(exercise, lesson, state, mine if state == "passed" else reference(exercise))
+    return parts
+
+
+def parts_in(folder: str | Path = ".", lessons=None) -> dict[str, Part]:
+    """The parts of all lessons, or of some, from the notebooks in a folder."""
+    found: dict[str, Part] = {}
+    for lesson in lessons or LESSONS:
+        path = Path(folder) / f"{lesson}.ipynb"
+        found |= lesson_parts(lesson, cells_of(path) if path.exists() else None)
+    return found
+
+
+def _line(part: Part, language: str) -> str:
+    text, state = (YOURS if part.is_yours else LIBRARY), STATES[part.state]
+    k = ("en", "zh").index(language)
+    return text[k].format(id=part.exercise, state=state[k])
+
+
+def part(exercise: str, folder: str | Path = ".", lang: str | None = None) -> Callable:
+    """The function of an earlier lesson's exercise: yours if it passes, else the library's; prints which.
+
+    It reads the saved notebook of that lesson in the folder, so save it first.
+    """
+    lesson = lesson_of(exercise)
+    found = parts_in(folder, [lesson])[exercise]
+    print(_line(found, language_of(lang)))
+    return found.function
+
+
+def status(folder: str | Path = ".", lang: str | None = None) -> None:
+    """Print whose part is used for each exercise, and keep it in `parts.json` of the folder."""
+    language, found = language_of(lang), parts_in(folder)
+    for lesson in LESSONS:
+        print(lesson)
+        for one in found.values():
+            if one.lesson == lesson:
+                print("  " + _line(one, language))
+    write_atomic(Path(folder) / SUMMARY, _summary(found))
+
+
+def _summary(parts: dict[str, Part]) -> str:
+    rows = {
+        one.exercise: {"lesson": one.lesson, "state": one.state, "is_yours": one.is_yours} for one in parts.values()
+    }
+    return json.dumps(rows, indent=1) + "\n"
+
+
+def export_parts(notebooks: str | Path, out: str | Path) -> dict[str, Part]:
+    """Write what passes as `<lesson>.py` (given cells, then the student's functions), and `parts.json` beside them.
+
+    Args:
+        notebooks: folder with the lessons' notebooks.
+        out: folder that `load_parts` and `stress --parts` take.
+
+    Raises:
+        UnusableInput: no lesson lies in the folder, or `out` refuses.
+    """
+    found: dict[str, Part] = {}
+    for lesson in LESSONS:
+        path = Path(notebooks) / f"{lesson}.ipynb"
+        cells = cells_of(path) if path.exists() else None
+        found |= lesson_parts(lesson, cells)
+        kept = [source for exercise, source in cells or [] if not exercise or found[exercise].is_yours]
+        if any(found[exercise].is_yours for exercise in LESSONS[lesson]):
+            write_atomic(Path(out) / f"{lesson}.py", "\n\n\n".join(kept) + "\n")
+    if all(one.state == "no notebook" for one in found.values()):
+        raise UnusableInput(f"{notebooks}: no lesson of the course lies there")
+    write_atomic(Path(out) / SUMMARY, _summary(found))
+    return found
+
+
+def load_parts(folder: str | Path) -> dict[str, Callable]:
+    """The student's functions that an export holds and that pass here too, by exercise.
+
+    Raises:
+        UnusableInput: the folder is no export, or none of its functions passes.
+    """
+    if not (Path(folder) / SUMMARY).exists():
+        raise UnusableInput(f"{folder}: no {SUMMARY}; make the folder by `python kit.py parts`")
+    found: dict[str, Callable] = {}
+    for lesson in LESSONS:
+        path = Path(folder) / f"{lesson}.py"
+        if path.exists():
+            parts = lesson_parts(lesson, [("", path.read_text(encoding="utf-8"))])
+            found |= {name: one.function for name, one in parts.items() if one.is_yours}
+    if not found:
+        raise UnusableInput(f"{folder}: none of its parts passes its check")
+    return found

@@ -1,0 +1,166 @@
+"""Checks: usual mistakes get the hint that fits, other right solutions pass, and every id is one word everywhere."""
+
+import re
+import time
+from pathlib import Path
+
+import nbformat
+import numpy as np
+import pytest
+
+from dualnav_lite.check import LESSONS, NotYet, check, judge, reference
+from dualnav_lite.check import _module as module_of
+from dualnav_lite.check.verdict import Text, Wrong, call, expect, hold, is_close, shown
+from dualnav_lite.config import UnusableInput
+from dualnav_lite.notebooks import ROOT
+
+MUTANTS = Path(__file__).parent / "mutants"
+IDS = [exercise for ids in LESSONS.values() for exercise in ids]
+FILES = sorted(MUTANTS.glob("*/*.py"))
+
+
+def first_line(path):
+    return path.read_text(encoding="utf-8").split("\n", 1)[0]
+
+
+def function_in(path):
+    names = {}
+    exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), names)
+    return names[path.parent.name]
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}-{path.stem}")
+def test_a_usual_mistake_gets_its_hint_and_another_right_solution_passes(path):
+    wrong = judge(path.parent.name, function_in(path))
+    line = first_line(path)
+    if line == "# right":
+        assert wrong is None, wrong and wrong.lines("en")
+        return
+    hint = re.fullmatch(r"# hint: (.+)", line)[1]
+    assert wrong is not None, "a wrong solution passed"
+    assert hint in "\n".join(wrong.lines("en")), wrong.lines("en")
+
+
+@pytest.mark.parametrize("exercise", IDS)
+def test_every_exercise_has_three_mutants_and_another_right_solution(exercise):
+    lines = [first_line(path) for path in FILES if path.parent.name == exercise]
+    assert sum(line.startswith("# hint: ") for line in lines) >= 3
+    assert "# right" in lines
+
+
+def test_no_mutant_belongs_to_an_exercise_that_is_not_there():
+    assert {path.parent.name for path in FILES} <= set(IDS)
+
+
+@pytest.mark.parametrize("exercise", IDS)
+def test_the_librarys_function_passes_within_a_second(exercise):
+    judge(exercise, reference(exercise))  # compiles what has to be compiled
+    begin = time.process_time()
+    wrong = judge(exercise, reference(exercise))
+    assert wrong is None, wrong and wrong.lines("en")
+    assert time.process_time() - begin < 1.0
+
+
+@pytest.mark.parametrize("exercise", IDS)
+def test_a_function_that_raises_or_returns_nothing_is_told_in_words(exercise):
+    def broken(*given):
+        raise ZeroDivisionError("oh")
+
+    assert "ZeroDivisionError" in "\n".join(judge(exercise, broken).lines("en"))
+    assert "return" in "\n".join(judge(exercise, lambda *given: None).lines("en"))
+
+
+@pytest.mark.parametrize("lesson", LESSONS)
+def test_ids_are_the_same_in_the_lesson_and_in_its_checks(lesson):
+    cells = nbformat.read(ROOT / "notebooks" / f"{lesson}.ipynb", as_version=4).cells
+    solutions = [cell.id for cell in cells if "solution" in cell.metadata.get("tags", [])]
+    checks = [cell for cell in cells if "check" in cell.metadata.get("tags", [])]
+    assert tuple(solutions) == LESSONS[lesson]
+    assert [cell.id for cell in checks] == [f"{name}_check" for name in solutions]
+    assert [cell.source for cell in checks] == [f'check("{name}", {name})' for name in solutions]
+    found = module_of(solutions[0])
+    assert list(found.CHECKS) == list(found.REFERENCES) == solutions
+
+
+@pytest.mark.parametrize("lesson", LESSONS)
+def test_every_exercise_states_its_difficulty_and_minutes(lesson):
+    text = (ROOT / "notebooks" / "src" / f"{lesson}.py").read_text(encoding="utf-8")
+    for exercise in LESSONS[lesson]:
+        line = rf"\*\*Exercise `{exercise}`\*\* \((easy|medium|hard)(, (very )?important)?, \d+ minutes\)"
+        assert re.search(line, text), exercise
+
+
+def test_messages_are_in_the_language_that_was_asked_for(monkeypatch, capsys):
+    with pytest.raises(NotYet, match=r"expected: -0\.4") as english:
+        check("safe", lambda clearance: -10.0 * clearance)
+    assert "article" in str(english.value)
+    monkeypatch.setenv("DUALNAV_LANG", "zh")
+    with pytest.raises(NotYet, match=r"期望: -0\.4") as chinese:
+        check("safe", lambda clearance: -10.0 * clearance)
+    assert "原文" in str(chinese.value)
+    check("safe", reference("safe"), lang="en")
+    assert capsys.readouterr().out == "safe: passed, 4 properties hold\n"
+
+
+def test_a_notebook_shows_the_words_without_a_traceback():
+    with pytest.raises(NotYet) as failed:
+        check("safe", lambda clearance: 0.0 * clearance)
+    assert failed.value._render_traceback_()[0] == "safe: not yet"
+
+
+def test_a_stub_is_not_done_rather_than_wrong():
+    def stub(clearance):
+        raise NotImplementedError("exercise safe")
+
+    with pytest.raises(NotYet, match="safe: not done yet"):
+        check("safe", stub)
+
+
+@pytest.mark.parametrize(("arguments", "word"), [(("sofe",), "known: "), (("safe", "de"), "known: en, zh")])
+def test_an_unknown_exercise_or_language_is_refused(arguments, word):
+    with pytest.raises(UnusableInput, match=word):
+        check(arguments[0], len, *arguments[1:])
+
+
+CLAIM = Text("a claim", "一条性质")
+
+
+def test_a_function_that_changes_its_input_is_told():
+    def changes(a):
+        a *= 2
+        return a
+
+    with pytest.raises(Wrong) as wrong:
+        call(CLAIM, changes, {"a": np.ones(2)})
+    assert "copies" in "\n".join(wrong.value.lines("en"))
+
+
+def test_expect_prefers_the_hint_that_fits_the_answer():
+    usual = [(2.0, Text("doubled", "加倍")), (-1.0, Text("sign", "符号"))]
+    with pytest.raises(Wrong) as wrong:
+        expect(CLAIM, lambda x: -x, {"x": 1.0}, 1.0, usual)
+    assert wrong.value.lines("en")[-1] == "  hint: sign"
+    with pytest.raises(Wrong) as wrong:
+        hold(CLAIM, False, got=1.0)
+    assert wrong.value.lines("zh") == ["  应当成立: 一条性质", "  得到: 1"]
+
+
+@pytest.mark.parametrize(
+    ("got", "expected", "same"),
+    [
+        (1.0, 1.0 + 1e-9, True),
+        (np.nan, 1.0, False),
+        (np.ones(2), np.ones(3), False),
+        ("text", 1.0, False),
+        ((1.0, 2.0), (1.0, 2.0), True),
+        ({"a": 1.0}, {"a": 1.0, "b": 1.0}, False),
+        ([[1.0]], 1.0, False),
+    ],
+)
+def test_answers_are_compared_by_kind_shape_and_number(got, expected, same):
+    assert is_close(got, expected) is same
+
+
+def test_values_are_shown_in_few_characters():
+    assert shown({"a": np.float64(1 / 3), "b": True}) == "{a: 0.3333, b: True}"
+    assert len(shown(np.zeros((100, 100)))) < 120

@@ -1,0 +1,176 @@
+"""The student version: stubs where solutions were and nothing else; whose part is used; release and export."""
+
+import json
+
+import nbformat
+import numpy as np
+import pytest
+
+from dualnav_lite import course, notebooks, parts
+from dualnav_lite.check import LESSONS
+from dualnav_lite.config import UnusableInput
+from dualnav_lite.exercises import BEGIN, stub, student_notebook
+from dualnav_lite.notebooks import ROOT
+
+LESSON_FILES = [ROOT / "notebooks" / f"{lesson}.ipynb" for lesson in LESSONS]
+IDS = [exercise for ids in LESSONS.values() for exercise in ids]
+
+
+@pytest.fixture(scope="module")
+def student(tmp_path_factory):
+    """Folder with the untouched student version of every lesson."""
+    folder = tmp_path_factory.mktemp("学生 课程")
+    course.write_lessons(folder)
+    return folder
+
+
+@pytest.mark.parametrize("path", LESSON_FILES, ids=lambda path: path.stem)
+def test_stub_and_solution_differ_in_solution_cells_alone(path, student):
+    worked, left = (nbformat.read(one, as_version=4).cells for one in (path, student / path.name))
+    assert [(cell.id, cell.cell_type, cell.metadata) for cell in worked] == [
+        (cell.id, cell.cell_type, cell.metadata) for cell in left
+    ]
+    changed = [cell.id for cell, other in zip(worked, left, strict=True) if cell.source != other.source]
+    assert tuple(changed) == LESSONS[path.stem]
+    for cell in left:
+        assert BEGIN not in cell.source
+        assert ("NotImplementedError" in cell.source) == (cell.id in changed)
+
+
+def test_the_worked_version_passes_every_check_and_the_untouched_one_none(student):
+    worked = parts.parts_in(ROOT / "notebooks")
+    assert {name for name, one in worked.items() if one.state != "passed"} == set()
+    untouched = parts.parts_in(student)
+    assert list(untouched) == IDS
+    assert {one.state for one in untouched.values()} == {"not done"}
+
+
+def test_a_failed_exercise_is_replaced_by_the_librarys_part_and_it_says_so(student, capsys):
+    assert parts.part("safe", student)(0.1) == pytest.approx(-0.4)
+    assert parts.part("safe", student / "nowhere", lang="zh")(0.1) == pytest.approx(-0.4)
+    assert parts.part("safe", ROOT / "notebooks")(0.1) == pytest.approx(-0.4)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines == [
+        "safe: the library's (not done yet)",
+        "safe：使用库的实现（此处没有笔记本）",  # noqa: RUF001
+        "safe: yours",
+    ]
+
+
+def solve(path, exercise, source):
+    """Write a student's own solution into a notebook."""
+    notebook = nbformat.read(path, as_version=4)
+    next(cell for cell in notebook.cells if cell.id == exercise).source = source
+    nbformat.write(notebook, path)
+
+
+def test_export_holds_what_passes_and_can_be_loaded_again(tmp_path, capsys):
+    course.write_lessons(tmp_path)
+    lesson = tmp_path / "07_rewards.ipynb"
+    solve(lesson, "safe", "def safe(c):\n    return -10.0 * np.clip(0.3 - np.maximum(c, 0.0), 0.0, 0.3) ** 2")
+    solve(lesson, "goal", "def goal(before, after, reached, gamma):\n    return before - after")
+    parts.status(tmp_path)
+    printed = capsys.readouterr().out
+    assert "safe: yours" in printed
+    assert "goal: the library's (not right yet)" in printed
+    assert json.loads((tmp_path / "parts.json").read_text(encoding="utf-8"))["safe"]["is_yours"] is True
+    out = tmp_path / "我的 部件"
+    found = parts.export_parts(tmp_path, out)
+    assert [name for name, one in found.items() if one.is_yours] == ["safe"]
+    loaded = parts.load_parts(out)
+    assert list(loaded) == ["safe"]
+    np.testing.assert_allclose(loaded["safe"](np.array([0.1, 1.0])), [-0.4, 0.0])
+    assert sorted(path.name for path in out.iterdir()) == ["07_rewards.py", "parts.json"]
+
+
+def test_a_cell_that_raises_costs_only_its_own_exercise(tmp_path):
+    course.write_lessons(tmp_path)
+    lesson = tmp_path / "07_rewards.ipynb"
+    solve(lesson, "safe", "1 / 0")
+    right = "def goal(before, after, reached, gamma):\n    return 10 * (before - gamma * after * (1 - reached))"
+    solve(lesson, "goal", right)
+    states = {name: one.state for name, one in parts.parts_in(tmp_path, ["07_rewards"]).items()}
+    assert states["safe"] == "not done"
+    assert states["goal"] == "passed"
+
+
+def test_folders_that_hold_no_course_are_refused(tmp_path):
+    with pytest.raises(UnusableInput, match="no lesson"):
+        parts.export_parts(tmp_path, tmp_path / "out")
+    with pytest.raises(UnusableInput, match=r"parts\.json"):
+        parts.load_parts(tmp_path)
+    (tmp_path / "07_rewards.ipynb").write_text("{", encoding="utf-8")
+    with pytest.raises(UnusableInput, match="07_rewards"):
+        parts.part("safe", tmp_path)
+
+
+def test_the_release_holds_the_library_and_no_solution_no_test_no_source(tmp_path):
+    out = course.release(tmp_path / "学生 版")
+    assert (out / "dualnav_lite" / "rewards.py").exists()
+    assert (out / "kit.py").exists()
+    assert not any((out / name).exists() for name in ("tests", "grading", ".git", "notebooks/src"))
+    assert {path.name for path in out.glob("notebooks/*.ipynb")} >= {path.name for path in LESSON_FILES}
+    for path in out.rglob("*.ipynb"):
+        assert BEGIN not in path.read_text(encoding="utf-8"), path
+    assert not list(out.rglob("__pycache__"))
+    assert [path.name for path in tmp_path.iterdir()] == ["学生 版"]
+
+
+def test_a_release_overwrites_nothing(tmp_path):
+    (tmp_path / "mine.txt").write_text("work", encoding="utf-8")
+    with pytest.raises(UnusableInput, match="is there already"):
+        course.release(tmp_path)
+    with pytest.raises(UnusableInput, match="lies inside"):
+        course.release(ROOT / "docs" / "course")
+    course.write_lessons(tmp_path / "course")
+    lesson = tmp_path / "course" / "07_rewards.ipynb"
+    solve(lesson, "safe", "def safe(c):\n    return 0")
+    before = lesson.read_bytes()
+    assert course.write_lessons(tmp_path / "course") == []
+    assert lesson.read_bytes() == before
+
+
+SOLUTION = f"def f(x):\n    {BEGIN}\n    return x\n    ### END SOLUTION"
+
+
+@pytest.mark.parametrize(
+    ("cell", "word"),
+    [
+        (f'# %% tags=["solution"]\n{SOLUTION}', "grade_id"),
+        (f'# %% grade_id="F x" tags=["solution"]\n{SOLUTION}', "grade_id"),
+        ('# %% grade_id="f" tags=["solution"]\ndef f(x):\n    return x', "BEGIN SOLUTION"),
+        (f'# %% grade_id="f" tags=["solution"]\n{SOLUTION}\n    {BEGIN}', "BEGIN SOLUTION"),
+        ('# %% grade_id="f_check" tags=["check"]\ncheck("f", f)', "points"),
+        ('# %% grade_id="f" points=1 tags=["check"]\ncheck("f", f)', "_check"),
+    ],
+)
+def test_an_exercise_cell_that_is_not_one_is_refused(cell, word):
+    with pytest.raises(UnusableInput, match=word):
+        notebooks.to_notebook(cell + "\n")
+
+
+def test_a_cell_may_hold_several_solutions_at_several_margins():
+    method = f"class A:\n    def f(self):\n        {BEGIN}\n        return 1\n        ### END SOLUTION"
+    source = f"{method}\n\n\n{BEGIN}\na = 2\n### END SOLUTION"
+    assert stub(source, "a") == (
+        'class A:\n    def f(self):\n        raise NotImplementedError("exercise a")\n\n\n'
+        'raise NotImplementedError("exercise a")'
+    )
+
+
+def test_nbgraders_own_preprocessors_accept_the_worked_notebooks():
+    preprocessors = pytest.importorskip("nbgrader.preprocessors")
+    validator = pytest.importorskip("nbgrader.validator")
+    assert validator
+    for path in LESSON_FILES:
+        notebook = nbformat.read(path, as_version=4)
+        resources = {}
+        for name in ("IncludeHeaderFooter", "CheckCellMetadata", "LockCells", "ClearSolutions"):
+            notebook, resources = getattr(preprocessors, name)().preprocess(notebook, resources)
+        left = {cell.id: cell.source for cell in notebook.cells}
+        ours = nbformat.reads(student_notebook(path.read_text(encoding="utf-8")), as_version=4)
+        for cell in ours.cells:
+            if cell.id in LESSONS[path.stem]:
+                assert left[cell.id].count("NotImplementedError") == cell.source.count("NotImplementedError")
+            else:
+                assert left[cell.id] == cell.source
