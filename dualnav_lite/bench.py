@@ -1,7 +1,5 @@
 """Speed of what students and training wait for, medians, with other simulators in the same room and run."""
 
-import csv
-import io
 import os
 import platform
 import statistics
@@ -9,12 +7,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from dualnav_lite import peers
+from dualnav_lite.bench_learning import learning_rows
+from dualnav_lite.bench_rows import NOT_INSTALLED, Row, row_line, rows_csv
 from dualnav_lite.config import Config, with_overrides, write_atomic
 from dualnav_lite.interface import split_infos
 from dualnav_lite.layout import Layout, generate
@@ -42,36 +41,7 @@ SCAN, STEP, FLOW_STEP = "scan of 1080 beams", "full step without optical flow", 
 ACTION = (0.3, 0.4)  # a circle of 0.75 m
 BLOCK = 30  # control steps a timing covers, so that what happens every third step is in each
 LONG_RUN_STEPS = 108_000
-NOT_INSTALLED = "not installed"
 BUSY_BELOW = 0.95  # share of a core; less means that something else runs
-
-
-@dataclass(frozen=True)
-class Row:
-    """One line of the table; `value` is None where the peer is not installed.
-
-    Attributes:
-        first_target, aim: of SPEC 11, in the same unit; None where it names none.
-        peer: package and version that the row is about.
-    """
-
-    what: str
-    value: float | None
-    unit: str
-    first_target: float | None = None
-    aim: float | None = None
-    peer: str = ""
-    smaller_is_better: bool = False
-
-    @property
-    def verdict(self) -> str:
-        """Whether the value reaches the aim, the first target or neither; empty where there is nothing to reach."""
-        if self.value is None or self.first_target is None:
-            return ""
-        sign = -1 if self.smaller_is_better else 1
-        if self.aim is not None and sign * self.value >= sign * self.aim:
-            return "reaches aim"
-        return "reaches target" if sign * self.value >= sign * self.first_target else "below"
 
 
 def seconds_per_call(call: Callable[[], object], seconds: float, block: int = 1) -> float:
@@ -223,25 +193,6 @@ def run(out: Path, *, seconds: float = 2.0, with_peers: bool = True) -> list[Row
     show([start_row(), long_run_row(config, seconds)])
     if with_peers:
         show(peer_rows(scenario, config, seconds, {row.what: row.value for row in rows if row.value}))
+    show(learning_rows(config, min(2, os.cpu_count() or 1), with_peers))
     write_atomic(Path(out) / "bench.csv", rows_csv(rows))
     return rows
-
-
-def row_line(row: Row) -> str:
-    """A row of the printed table."""
-    value = NOT_INSTALLED if row.value is None else f"{row.value:,.{0 if row.value >= 100 else 1}f} {row.unit}"
-    limits = "" if row.first_target is None else f"first target {row.first_target:,g}"
-    limits += "" if row.aim is None else f", aim {row.aim:,g}"
-    return f"{row.what:<60} {value:>14}  {row.verdict:<14} {limits}".rstrip()
-
-
-def rows_csv(rows: list[Row]) -> str:
-    """Text of `bench.csv`."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["what", "value", "unit", "first_target", "aim", "verdict", "peer"])
-    for row in rows:
-        value = "" if row.value is None else f"{row.value:.6g}"
-        limits = ["" if limit is None else limit for limit in (row.first_target, row.aim)]
-        writer.writerow([row.what, value, row.unit, *limits, row.verdict, row.peer])
-    return text.getvalue()

@@ -81,10 +81,10 @@ class Worlds(VecEnv):
 class Features(BaseFeaturesExtractor):
     """Our convolutions and bands as SB3's features."""
 
-    def __init__(self, observation_space):
+    def __init__(self, observation_space, grain: str):
         super().__init__(observation_space, ImageTrunk.features)
         # SB3 draws weights of its own, only in the ordinary layout; `train_stable` brings back the fast one.
-        self.trunk = ImageTrunk(observation_space.shape[0]).to(memory_format=torch.contiguous_format)
+        self.trunk = ImageTrunk(observation_space.shape[0], grain).to(memory_format=torch.contiguous_format)
 
     def forward(self, observations):
         """(n, HIDDEN) features."""
@@ -124,6 +124,7 @@ def train_stable(training: Training, path: Path, home: Path, workers: int = 1) -
         device="cpu",
         policy_kwargs={
             "features_extractor_class": Features,
+            "features_extractor_kwargs": {"grain": training.grain},
             "share_features_extractor": False,
             "net_arch": [],
             "normalize_images": False,

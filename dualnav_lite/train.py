@@ -60,7 +60,7 @@ class Trainer:
         with torch.random.fork_rng():
             torch.manual_seed(training.seed)
             self.actor = self.make_actor()
-            self.critic = Critic(trunk_for(shape), len(TERMS))
+            self.critic = Critic(trunk_for(shape, training.grain), len(TERMS))
         self.device = chosen_device(device)
         self.actor.to(self.device)
         self.critic.to(self.device)
@@ -70,7 +70,7 @@ class Trainer:
         """An untrained policy of this training's shape."""
         hardware = self.config.hardware
         shape = (num_channels(self.config.observation), 64, 64)
-        return make_actor(shape, self.training.head, [hardware.max_lin_vel, hardware.max_ang_vel])
+        return make_actor(shape, self.training.head, [hardware.max_lin_vel, hardware.max_ang_vel], self.training.grain)
 
     def _claim_folder(self) -> None:
         """Keep the resolved settings in the folder; refuse one that belongs to another training."""

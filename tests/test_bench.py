@@ -40,8 +40,8 @@ def test_a_peer_sees_the_room_that_our_lidar_sees(package, peer):
 
 def test_the_median_time_of_a_call_is_its_time():
     # A busy machine may sleep longer, never shorter.
-    assert 0.01 <= bench.seconds_per_call(lambda: time.sleep(0.01), 0.1) < 0.05
-    assert 0.002 <= bench.seconds_per_call(lambda: time.sleep(0.002), 0.05, block=5) < 0.01
+    assert 0.01 <= bench.seconds_per_call(lambda: time.sleep(0.01), 0.1) < 0.2
+    assert 0.002 <= bench.seconds_per_call(lambda: time.sleep(0.002), 0.05, block=5) < 0.1
 
 
 @pytest.mark.parametrize(

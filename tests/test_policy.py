@@ -48,9 +48,10 @@ def test_network_reads_the_bands_exactly_as_the_encoder_does():
     assert np.array_equal(images.numpy(), np.delete(batch, EGO, axis=1))
 
 
+@pytest.mark.parametrize("grain", ["fine", "coarse"])
 @pytest.mark.parametrize("channels", [3, 4])
-def test_every_band_and_every_image_channel_reaches_the_action(channels):
-    actor = Actor(ImageTrunk(channels), CommandGridHead(HIDDEN, GRID))
+def test_every_band_and_every_image_channel_reaches_the_action(channels, grain):
+    actor = Actor(ImageTrunk(channels, grain), CommandGridHead(HIDDEN, GRID))
     batch = torch.from_numpy(observations(1, channels)).requires_grad_()
     (actor(batch) ** 2).sum().backward()
     images, bands = split_observations(batch.grad)
