@@ -283,24 +283,25 @@ def fit(actor: Actor, optimizer, shards: Sequence[Labels], settings: Imitation, 
                 share = 0.5 * (1.0 + math.cos(math.pi * update / updates))
                 for group in optimizer.param_groups:
                     group["lr"] = rates[1] + (rates[0] - rates[1]) * share
-            chosen = np.sort(rng.integers(edges[-1], size=settings.batch))
-            owner = np.searchsorted(edges, chosen, side="right") - 1
-            parts = [(shards[k], chosen[owner == k] - edges[k]) for k in np.unique(owner)]
-            images, bands, costs = (
-                np.concatenate([getattr(shard, name)[rows] for shard, rows in parts])
-                for name in ("images", "bands", "costs")
-            )
-            order = rng.permutation(settings.batch)
-            images, bands, costs = images[order], bands[order], costs[order]
-            half = settings.batch // 2
-            flipped = mirrored(images[:half], bands[:half], costs[:half], actor.head.grid_shape)
-            images, bands, costs = (
-                np.concatenate([a, b[half:]]) for a, b in zip(flipped, (images, bands, costs), strict=True)
-            )
-            losses.append(_descend(actor, twin, optimizer, images, bands, costs, settings))
+            batch = _draw_batch(shards, edges, settings.batch, actor.head.grid_shape, rng)
+            losses.append(_descend(actor, twin, optimizer, *batch, settings))
             if not np.isfinite(losses[-1]):
                 raise FloatingPointError(f"imitation loss is {losses[-1]} in batch {update} of {updates}")
     return float(np.mean(losses[-max(1, updates // 10) :]))
+
+
+def _draw_batch(shards: Sequence[Labels], edges, size: int, grid_shape, rng):
+    """Images, bands and costs of `size` labels drawn from all shards, the first half mirrored."""
+    chosen = np.sort(rng.integers(edges[-1], size=size))
+    owner = np.searchsorted(edges, chosen, side="right") - 1
+    parts = [(shards[k], chosen[owner == k] - edges[k]) for k in np.unique(owner)]
+    order, half = rng.permutation(size), size // 2
+    images, bands, costs = (
+        np.concatenate([getattr(shard, name)[rows] for shard, rows in parts])[order]
+        for name in ("images", "bands", "costs")
+    )
+    flipped = mirrored(images[:half], bands[:half], costs[:half], grid_shape)
+    return [np.concatenate([a, b[half:]]) for a, b in zip(flipped, (images, bands, costs), strict=True)]
 
 
 class Twin:
