@@ -76,16 +76,18 @@ class SamplingPlanner(Planner):
     Args:
         settings: the configuration.
         max_speed: [m/s]; the hardware's limit if None.
+        calm: cost of turning [m of way for each rad/s]: saves energy in a long run and costs agility.
 
     Attributes:
         grid: (9, 11, 2) commands v [m/s], omega [rad/s].
     """
 
-    def __init__(self, settings: Config, max_speed: float | None = None):
+    def __init__(self, settings: Config, max_speed: float | None = None, calm: float = 0.0):
         super().__init__(settings)
         robot = settings.robot
         self.grid = command_grid(settings.hardware, max_speed)
         self._commands = np.ascontiguousarray(self.grid.reshape(-1, 2))
+        self._turning = calm * np.abs(self._commands[:, 1])
         p = np.empty(23)
         p[kernels.HULL] = robot.hull_radius_m
         p[kernels.MAX_V], p[kernels.MAX_OMEGA] = self._commands[:, 0].max(), self.max_omega
@@ -131,6 +133,7 @@ class SamplingPlanner(Planner):
             self._parameters,
             costs,
         )
+        costs += self._turning
 
 
 class Ceiling(SamplingPlanner):
@@ -142,8 +145,8 @@ class Ceiling(SamplingPlanner):
 
     needs_truth = True
 
-    def __init__(self, settings: Config, max_speed: float | None = None):
-        super().__init__(settings, max_speed)
+    def __init__(self, settings: Config, max_speed: float | None = None, calm: float = 0.0):
+        super().__init__(settings, max_speed, calm)
         self._kept: dict[int, tuple] = {}
 
     def reset(self, indices):
@@ -195,8 +198,8 @@ class CvSampling(SamplingPlanner):
 
     TRACK_GAP_M = 0.15  # hits this close to a tracked mover are its own
 
-    def __init__(self, settings: Config, max_speed: float | None = None):
-        super().__init__(settings, max_speed)
+    def __init__(self, settings: Config, max_speed: float | None = None, calm: float = 0.0):
+        super().__init__(settings, max_speed, calm)
         # Its fields end 3.2 m away and its path 3.1 m: it looks no farther.
         self._parameters[kernels.SECOND_S] = 2.4
 
