@@ -160,6 +160,21 @@ def train(
 
 
 @app.command()
+def card(
+    log: Annotated[Path, typer.Option(help="log.csv of the training's run folder.")],
+    rows: Annotated[Path, typer.Option(help="episodes.csv of the policy on tuning seeds.")],
+    commit: Annotated[str, typer.Option(help="Code that trained.")],
+    minutes: Annotated[float, typer.Option(min=0, help="Time the training took.")],
+    training: Annotated[str, typer.Option(help="The training's config.")] = "training/record.yaml",
+) -> int:
+    """Write models/README.md from the weights, the training's log and evaluated rows."""
+    from dualnav_lite.model_card import write_card
+
+    print(write_card(training, log, rows, commit, minutes))
+    return 0
+
+
+@app.command()
 def study(
     name: Annotated[str, typer.Argument(help="One of training/studies, or the path of a YAML file.")],
     jobs: Jobs = CORES,

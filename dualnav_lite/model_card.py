@@ -1,0 +1,105 @@
+"""The card of the shipped policy, `models/README.md`: written from the files, the training's log and evaluated rows."""
+
+import csv
+import hashlib
+from pathlib import Path
+
+import pandas as pd
+
+from dualnav_lite.config import UnusableInput, write_atomic
+from dualnav_lite.deploy import MODEL_FOLDER, EmbeddedPolicy
+from dualnav_lite.survival import read_episodes, survival
+
+WHAT = {
+    "ppo_actor.onnx": "the policy that `ppo` and `ppo_filter` drive with (ONNX Runtime, one thread)",
+    "ppo_actor.pt": "the same as TorchScript",
+    "ppo_actor.pth": "its weights",
+    "ppo_critic.pth": "the value heads, one a reward term",
+    "predictor.pth": "the LSTM predictor",
+}
+
+
+def files_table(folder: Path) -> list[str]:
+    """Lines of Markdown: each weight file with its size and fingerprint."""
+    lines = ["| file | what | MB | SHA-256 |", "|---|---|---|---|"]
+    for name, what in WHAT.items():
+        path = folder / name
+        if path.exists():
+            content = path.read_bytes()
+            digest = hashlib.sha256(content).hexdigest()[:12]
+            lines.append(f"| `{name}` | {what} | {len(content) / 1e6:.2f} | {digest} |")
+    return lines
+
+
+def stage_lines(log: Path) -> list[str]:
+    """What each stage of a training's `log.csv` ended with."""
+    with open(log, encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    lines = []
+    for stage in dict.fromkeys(row["stage"] for row in rows):
+        last = [row for row in rows if row["stage"] == stage][-1]
+        unit = "labels" if last.get("round") else "steps"
+        lines.append(
+            f"- stage `{stage}`: {int(last['step']):,} {unit}; the last ones reached {float(last['reached']):.0%}"
+        )
+    return lines
+
+
+def rate_table(rows: pd.DataFrame) -> list[str]:
+    """Lines of Markdown: survival with exact intervals, an arm and scenario a line."""
+    lines = [
+        "| scenario | arm | survived | 95 % (exact) | clearance [m] | energy [J] |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in survival(rows).itertuples():
+        interval = f"{row.exact_low:.1%} to {row.exact_high:.1%}"
+        means = f"{row.mean_min_clearance_m:.2f} | {row.mean_energy_j:.0f}"
+        lines.append(f"| {row.scenario} | {row.arm} | {row.survived} of {row.episodes} | {interval} | {means} |")
+    return lines
+
+
+def write_card(training: str, log: Path, rows: Path, commit: str, minutes: float, folder: Path = MODEL_FOLDER) -> Path:
+    """Write the card.
+
+    Args:
+        training: the config's path in the repository.
+        log: `log.csv` of the run.
+        rows: an `episodes.csv` (also compressed) of the policy on tuning seeds.
+        commit: of the code that trained; minutes: wall-clock time it took.
+        folder: of the weights; the card goes beside them.
+
+    Raises:
+        UnusableInput: a file that is missing or unusable.
+    """
+    for path in (log, rows):
+        if not Path(path).exists():
+            raise UnusableInput(f"{path}: no such file")
+    policy, table = EmbeddedPolicy(folder / "ppo_actor.onnx"), read_episodes(rows)
+    seeds = f"{table.seed.min():,} to {table.seed.max():,}"
+    lines = [
+        "# Models",
+        "",
+        *files_table(folder),
+        "",
+        "Every file is under 8 MB; weights load with `weights_only=True`. This page is written by",
+        "`python -m dualnav_lite card`, from the files, the training's log and evaluated rows.",
+        "",
+        "## The policy",
+        "",
+        f"`python kit.py train --config {training}`, seed {policy.training_seed},",
+        f"code of commit {commit}, {minutes:.0f} minutes on two cores:",
+        "",
+        *stage_lines(log),
+        "",
+        f"It sees {policy.card['observation']['motion']['method']} in the motion channel and the guide point"
+        f" (`{policy.card['guide']['method']}`), and chooses from a grid of",
+        "commands, read between its points by a vote of the last steps"
+        f" (memory {policy.card['memory']}); outside, v and omega are continuous.",
+        "",
+        f"## Tuning seeds ({seeds})",
+        "",
+        *rate_table(table),
+    ]
+    path = folder / "README.md"
+    write_atomic(path, "\n".join(lines) + "\n")
+    return path
