@@ -7,6 +7,7 @@ usage: python kit.py COMMAND [options]        python kit.py COMMAND --help
   test        the test suite; --slow adds the long tests; other options go to pytest
   train       a policy from a config in training/: imitation, PPO; goes on where it was stopped
   evaluate    any planner over scenarios and seeds, to episodes.csv
+  card        models/README.md from the weights, the training's log and evaluated rows
   study       one of training/studies again: variants of a training, several seeds each
   beyond      a table from beyond our own world: crowdnav, ...
   bench       speed, with the peers of requirements-bench.txt in the same run
@@ -33,7 +34,7 @@ ROOT = os.path.dirname(os.path.abspath(__file__))
 KERNELS = os.path.join(ROOT, "dualnav_lite", "kernels")
 OLDEST, NEWEST = (3, 11), (3, 13)
 SIMULATES = ("lab", "stress", "test", "train", "evaluate", "study", "beyond", "bench", "figures")
-COMMANDS = SIMULATES + ("notebooks", "release", "status", "doctor", "warm")
+COMMANDS = SIMULATES + ("card", "notebooks", "release", "status", "doctor", "warm")
 
 
 def say(text):

@@ -284,7 +284,7 @@ def fit(actor: Actor, optimizer, shards: Sequence[Labels], settings: Imitation, 
                 for group in optimizer.param_groups:
                     group["lr"] = rates[1] + (rates[0] - rates[1]) * share
             batch = _draw_batch(shards, edges, settings.batch, actor.head.grid_shape, rng)
-            losses.append(_descend(actor, twin, optimizer, *batch, settings))
+            losses.append(_descend(actor, twin, optimizer, batch, settings))
             if not np.isfinite(losses[-1]):
                 raise FloatingPointError(f"imitation loss is {losses[-1]} in batch {update} of {updates}")
     return float(np.mean(losses[-max(1, updates // 10) :]))
@@ -331,12 +331,12 @@ class Twin:
         self._pool.shutdown()
 
 
-def _descend(actor: Actor, twin: Twin, optimizer, images, bands, costs, settings: Imitation) -> float:
+def _descend(actor: Actor, twin: Twin, optimizer, batch, settings: Imitation) -> float:
     """One optimiser step on a batch, half of it a core; the loss."""
     optimizer.zero_grad(set_to_none=True)
-    half, share = len(images) // 2, 1.0 / len(images)
-    beside = twin.start(_gradient, images[half:], bands[half:], costs[half:], settings, share)
-    loss = _gradient(actor, images[:half], bands[:half], costs[:half], settings, share)
+    half, share = len(batch[0]) // 2, 1.0 / len(batch[0])
+    beside = twin.start(_gradient, [part[half:] for part in batch], settings, share)
+    loss = _gradient(actor, [part[:half] for part in batch], settings, share)
     loss += beside.result()
     twin.hand_over()
     torch.nn.utils.clip_grad_norm_(actor.parameters(), 1.0)
@@ -344,9 +344,9 @@ def _descend(actor: Actor, twin: Twin, optimizer, images, bands, costs, settings
     return loss
 
 
-def _gradient(actor: Actor, images, bands, costs, settings: Imitation, share: float) -> float:
+def _gradient(actor: Actor, batch, settings: Imitation, share: float) -> float:
     """Add a part's gradient, each sample weighted by `share`, in micro-batches that stay in the cache; its loss."""
-    total, device = 0.0, device_of(actor)
+    (images, bands, costs), total, device = batch, 0.0, device_of(actor)
     for start in range(0, len(images), settings.micro_batch):
         part = slice(start, start + settings.micro_batch)
         pictures, numbers = (one.to(device) for one in unpack(images[part], bands[part]))
