@@ -8,21 +8,27 @@ import pandas as pd
 from dualnav_lite.config import UnusableInput, write_atomic
 
 
-def crowdnav(quick: bool) -> pd.DataFrame:
-    """CrowdNav's circle crossing with its own arms and this kit's, lidar only (minutes; needs pyrvo)."""
+def crowdnav(quick: bool, save) -> pd.DataFrame:
+    """CrowdNav's circle crossing with its own arms and this kit's, lidar only (20 minutes of CPU; needs pyrvo)."""
     from dualnav_lite.crowdnav_robot import crowdnav_table
-    from dualnav_lite.deploy import MODEL_FOLDER
 
-    policy = ("ppo", "ppo_filter") if (MODEL_FOLDER / "ppo_actor.onnx").exists() else ()
-    planners = ("cv_sampling",) if quick else ("cv_sampling", "cv_sampling+", "astar")
-    return crowdnav_table((5,) if quick else (5, 10), planners + policy, 10 if quick else 500)
+    if quick:
+        return crowdnav_table((5,), ("ppo",), 10, on_row=save)
+    return crowdnav_table((5, 10), ("ppo", "cv_sampling", "cv_sampling+", "ppo_filter"), on_row=save)
 
 
-TABLES: dict[str, Callable[[bool], pd.DataFrame]] = {"crowdnav": crowdnav}
+def streets(quick: bool, save) -> pd.DataFrame:
+    """DQN in the town against exact ways (2 minutes of CPU)."""
+    from dualnav_lite.streets_dqn import front_table
+
+    return front_table(10, (0,), 2_000, save) if quick else front_table(on_row=save)
+
+
+TABLES: dict[str, Callable] = {"crowdnav": crowdnav, "streets": streets}
 
 
 def run(name: str, out: str | Path, quick: bool = False) -> pd.DataFrame:
-    """Measure one table and write it to `<name>.csv`.
+    """Measure one table and write it to `<name>.csv`, as far as it is known, while it grows.
 
     Args:
         name: one of `TABLES`.
@@ -30,10 +36,14 @@ def run(name: str, out: str | Path, quick: bool = False) -> pd.DataFrame:
         quick: a few episodes, to see that it works.
 
     Raises:
-        UnusableInput: an unknown name, a package that is missing, a folder that refuses.
+        UnusableInput: an unknown name, a package or model that is missing, a folder that refuses.
     """
     if name not in TABLES:
         raise UnusableInput(f"unknown table '{name}'; known: {', '.join(TABLES)}")
-    table = TABLES[name](quick)
-    write_atomic(Path(out) / f"{name}.csv", table.to_csv(index=False, lineterminator="\n", float_format="%.6g"))
+
+    def save(table: pd.DataFrame) -> None:
+        write_atomic(Path(out) / f"{name}.csv", table.to_csv(index=False, lineterminator="\n", float_format="%.6g"))
+
+    table = TABLES[name](quick, save)
+    save(table)
     return table

@@ -50,12 +50,6 @@ class Case:
     positions: np.ndarray
     velocities: np.ndarray
 
-    def at(self, time_s: float) -> np.ndarray:
-        """(people, 2) positions between the steps: everybody walks straight on from one to the next."""
-        share, step = np.modf(min(time_s / STEP_S, len(self.positions) - 1.0) + 1e-9)
-        before, after = self.positions[int(step)], self.positions[min(int(step) + 1, len(self.positions) - 1)]
-        return before + share * (after - before)
-
 
 def draw_starts(seed: int, people: int) -> np.ndarray:
     """(people, 2) starts; each walks to the point opposite. The draws are the original's, so the cases are too."""
@@ -146,10 +140,11 @@ def sampling_arm(seen: Seen) -> np.ndarray:
 
 
 def least_distance(gaps, relative_steps) -> np.ndarray:
-    """(p,) closest that points come to the origin on straight ways from `gaps` (p, 2) by `relative_steps` (p, 2)."""
-    length = np.maximum((relative_steps**2).sum(axis=1), 1e-12)
-    share = np.clip(-(gaps * relative_steps).sum(axis=1) / length, 0.0, 1.0)
-    return np.hypot(*(gaps + share[:, None] * relative_steps).T)
+    """(...) closest that points come to the origin on straight ways from `gaps` (..., 2) by `relative_steps`."""
+    length = np.maximum((relative_steps**2).sum(axis=-1), 1e-12)
+    share = np.clip(-(gaps * relative_steps).sum(axis=-1) / length, 0.0, 1.0)
+    nearest = gaps + share[..., None] * relative_steps
+    return np.hypot(nearest[..., 0], nearest[..., 1])
 
 
 def run_holonomic(case: Case, arm: Callable[[Seen], np.ndarray]) -> tuple[str, float]:
