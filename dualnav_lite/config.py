@@ -55,7 +55,7 @@ class Power(Frozen):
     quadratic_w_s2_m2: NonNegative = 20.0
     turn_w_s: NonNegative = 6.0
     turn_quadratic_w_s2: NonNegative = 4.0
-    capacity_wh: Positive = 47.0  # from stress_tests/reference/battery_calibration.csv
+    capacity_wh: Positive = 46.5  # from stress_tests/reference/battery_calibration.csv
 
 
 class Lidar(Frozen):
