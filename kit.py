@@ -4,6 +4,7 @@ usage: python kit.py COMMAND [options]        python kit.py COMMAND --help
 
   lab         JupyterLab, opened at notebooks/00_start_here.ipynb; --student: the student version, in course/
   stress      the scenarios through papermill: survival table, executed notebooks, a report
+  merge       shards of stress, run on several machines, to the tables of the whole
   test        the test suite; --slow adds the long tests; other options go to pytest
   train       a policy from a config in training/: imitation, PPO; goes on where it was stopped
   evaluate    any planner over scenarios and seeds, to episodes.csv
@@ -33,7 +34,7 @@ import tempfile
 ROOT = os.path.dirname(os.path.abspath(__file__))
 KERNELS = os.path.join(ROOT, "dualnav_lite", "kernels")
 OLDEST, NEWEST = (3, 11), (3, 13)
-SIMULATES = ("lab", "stress", "test", "train", "evaluate", "study", "beyond", "bench", "figures")
+SIMULATES = ("lab", "stress", "merge", "test", "train", "evaluate", "study", "beyond", "bench", "figures")
 COMMANDS = SIMULATES + ("card", "notebooks", "release", "status", "doctor", "warm")
 
 

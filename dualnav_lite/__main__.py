@@ -33,61 +33,110 @@ def words(text: str) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def shard_of(text: str) -> tuple[int, int]:
-    """(k, n) of `k/n`.
+def stress_plan(arms, episodes, long_runs, quick, seed_base, jobs, shard, cluster, preference, out):
+    """What the options of `stress` and `merge` ask for, checked before anything runs."""
+    from dualnav_lite.stress import FOLDER, POLICY_ARMS, Plan, all_arms, shard_of
+    from dualnav_lite.workers import checked_address
 
-    >>> shard_of("2/8")
-    (2, 8)
-    """
-    try:
-        index, count = (int(part) for part in text.split("/"))
-    except ValueError:
-        raise UnusableInput(f"a shard reads k/n, such as 2/8; got '{text}'") from None
-    return index, count
+    chosen = all_arms() if arms == "all" else words(arms or ",".join(POLICY_ARMS))
+    shard_of(shard)
+    return Plan(
+        arms=chosen,
+        episodes=5 if quick else episodes,
+        long_arms=chosen if arms == "all" else chosen[:1],
+        long_runs=1 if quick else long_runs,
+        seed_base=seed_base,
+        jobs=jobs,
+        out=(out or FOLDER / "results").resolve(),
+        command=" ".join(["python -m dualnav_lite", *sys.argv[1:]]),
+        shard=shard,
+        cluster=checked_address(cluster) if cluster else "",
+        preference=preference,
+    )
+
+
+def show_stress(plan, tables, failed) -> int:
+    """Print who survived, what failed and where the rest is."""
+    from dualnav_lite.report import survival_lines
+
+    if tables:
+        print("\n".join(survival_lines(tables["survival"])))
+        print(f"\nreport, tables, figures and executed notebooks: {plan.out}")
+    else:
+        print(f"shard {plan.shard} is done: bring the shards' folders together by `merge`")
+    for what, reason in failed:
+        print(f"FAILED {what}: {reason}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+Arms = Annotated[str, typer.Option(help="Arms, separated by commas, or all; ppo,ppo_filter if empty.")]
+LongRuns = Annotated[int, typer.Option(min=1, help="Seeds of the three-hour scenario, driven by the first arm.")]
+Quick = Annotated[bool, typer.Option("--quick", help="5 seeds and one three-hour run.")]
+Shard = Annotated[str, typer.Option(help="k/n: run every n-th chunk from the k-th.")]
+Cluster = Annotated[str, typer.Option(help="tcp://host:port of a Dask scheduler in place of --jobs.")]
+Preference = Annotated[float, typer.Option(min=0, max=1, help="0 all safety, 1 all thrift.")]
+Results = Annotated[Path | None, typer.Option(help="Results folder; stress_tests/results if not given.")]
 
 
 @app.command()
 def stress(
-    arms: Annotated[str, typer.Option(help="Planners, separated by commas.")] = "astar,cv_sampling",
-    episodes: Episodes = 100,
-    long_runs: Annotated[int, typer.Option(min=1, help="Seeds of the three-hour scenario.")] = 1,
-    quick: Annotated[bool, typer.Option("--quick", help="5 seeds; the three hours by the first arm alone.")] = False,
+    arms: Arms = "",
+    episodes: Episodes = 1000,
+    long_runs: LongRuns = 10,
+    quick: Quick = False,
     seed_base: Seeds = TEST_SEED,
     jobs: Jobs = CORES,
-    out: Annotated[Path | None, typer.Option(help="Results folder; stress_tests/results if not given.")] = None,
+    shard: Shard = "1/1",
+    cluster: Cluster = "",
+    preference: Preference = 0.5,
+    out: Results = None,
 ) -> int:
-    """The stress scenarios through papermill; prints the survival table."""
-    from dualnav_lite.planners import make_planner
-    from dualnav_lite.stress import FOLDER, run_stress, table_lines
+    """The stress scenarios through papermill; prints who survived. Stopped, the same command goes on."""
+    from dualnav_lite.pace import estimate
+    from dualnav_lite.stress import run_stress
 
-    chosen = words(arms)
-    for arm in chosen:
-        make_planner(arm)  # a wrong name ends here, not minutes later in a notebook
-    command = " ".join(["python -m dualnav_lite", *sys.argv[1:]])
-    folder = out or FOLDER / "results"
-    short, long = (5, chosen[:1]) if quick else (episodes, chosen)
-    table, failed = run_stress(chosen, short, long, long_runs, seed_base, jobs, folder, command)
-    print("\n".join(table_lines(table)))
-    print(f"\nreport, rows and executed notebooks: {folder}")
-    return 1 if failed else 0
+    plan = stress_plan(arms, episodes, long_runs, quick, seed_base, jobs, shard, cluster, preference, out)
+    if arms == "all":
+        print(estimate(plan), file=sys.stderr, flush=True)
+    return show_stress(plan, *run_stress(plan))
+
+
+@app.command()
+def merge(
+    folders: Annotated[str, typer.Argument(help="Results folders of the shards, separated by commas.")],
+    arms: Arms = "",
+    episodes: Episodes = 1000,
+    long_runs: LongRuns = 10,
+    quick: Quick = False,
+    seed_base: Seeds = TEST_SEED,
+    preference: Preference = 0.5,
+    out: Results = None,
+) -> int:
+    """Shards of `stress`, given the settings they ran with, to the tables of the whole."""
+    from dualnav_lite.stress import merge_shards
+
+    plan = stress_plan(arms, episodes, long_runs, quick, seed_base, 1, "1/1", "", preference, out)
+    return show_stress(plan, *merge_shards([Path(folder).resolve() for folder in words(folders)], plan))
 
 
 @app.command()
 def evaluate(
-    arms: Annotated[str, typer.Argument(help="Planners, separated by commas.")],
+    arms: Annotated[str, typer.Argument(help="ppo, ppo_filter, planners, .onnx files, by commas.")],
     scenarios: Annotated[str, typer.Option(help="Scenario ids or YAML files, separated by commas.")] = "navigation",
     episodes: Episodes = 100,
     seed_base: Seeds = TEST_SEED,
     jobs: Jobs = CORES,
-    shard: Annotated[str, typer.Option(help="k/n: run every n-th chunk from the k-th.")] = "1/1",
+    shard: Shard = "1/1",
+    cluster: Cluster = "",
     config: Annotated[Path | None, typer.Option(help="config.yaml to use; the defaults if not given.")] = None,
     preference: Annotated[float | None, typer.Option(help="0 all safety, 1 all thrift.")] = None,
     out: Annotated[Path, typer.Option(help="Results folder.")] = Path("results"),
 ) -> int:
-    """Any planners over scenarios and seeds, to episodes.csv and survival.csv; goes on where it was stopped."""
+    """Policies and planners over scenarios and seeds, to episodes.csv and survival.csv; stopped, it goes on."""
     from dualnav_lite.config import load_config, write_atomic
     from dualnav_lite.evaluate import evaluate as run
-    from dualnav_lite.stress import table_lines
+    from dualnav_lite.report import survival_lines
+    from dualnav_lite.stress import shard_of
     from dualnav_lite.survival import survival
 
     if config and not config.exists():
@@ -101,10 +150,11 @@ def evaluate(
         preference=preference,
         jobs=jobs,
         shard=shard_of(shard),
+        cluster=cluster,
     )
     table = survival(rows)
     write_atomic(out / "survival.csv", table.to_csv(index=False, lineterminator="\n"))
-    print("\n".join(table_lines(table)))
+    print("\n".join(survival_lines(table)))
     return 0
 
 

@@ -23,6 +23,7 @@ from dualnav_lite.planners import ARMS
 from dualnav_lite.planners import make_planner as library_planner
 from dualnav_lite.scenario import Scenario, load_scenario
 from dualnav_lite.survival import read_episodes
+from dualnav_lite.workers import pool
 
 CHUNK_EPISODES = 50
 CHUNK_LONG_RUNS = 5  # a three-hour run is as long as 700 short ones
@@ -197,6 +198,7 @@ def evaluate(
     preference: float | None = None,
     jobs: int = 1,
     shard: tuple[int, int] = (1, 1),
+    cluster: str = "",
     num_envs: int = 8,
     progress: bool = True,
     make_planner=library_arm,
@@ -206,7 +208,8 @@ def evaluate(
 
     Writes `chunks/*.csv` whole or not at all, `run.json` (resolved settings and hashes) and, once every chunk of every
     shard is there, `episodes.csv`, sorted by scenario, arm, training seed, preference and seed. The bytes depend on the
-    arms, scenarios, seeds and config alone: not on `jobs`, `num_envs`, `shard`, or on how often the run was killed.
+    arms, scenarios, seeds and config alone: not on `jobs`, `num_envs`, `shard`, `cluster`, or on how often the run was
+    killed.
 
     Args:
         arms: ids that `make_planner` knows.
@@ -216,8 +219,9 @@ def evaluate(
         config: settings; the defaults if None.
         overrides: dotted config keys to change, as in `config.with_overrides`.
         preference: 0 all safety to 1 all thrift; the config's if None.
-        jobs: worker processes (joblib; a `joblib.parallel_config` around the call chooses another backend).
+        jobs: worker processes of this machine.
         shard: (k, n) runs every n-th chunk from the k-th, counted from 1.
+        cluster: address of a Dask scheduler whose workers take the place of `jobs`, as in `workers.pool`.
         num_envs: worlds side by side in a process.
         make_planner: (arm, config) -> planner with `act`, `reset`, `needs_truth`, `needs_full_map` and, where trained,
             `training_seed` and `fingerprint`. Another factory than the library's wants another `out`.
@@ -246,8 +250,8 @@ def evaluate(
     calls = [joblib.delayed(_chunk_csv)(chunk, config, num_envs, make_planner, make_env) for chunk in todo]
     total = sum(len(chunk.seeds) for chunk in mine)
     bar = tqdm(total=total, initial=total - sum(len(c.seeds) for c in todo), unit="episode", disable=not progress)
-    with bar:
-        for chunk, content in joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(calls):
+    with bar, pool(jobs, cluster) as parallel:
+        for chunk, content in parallel(calls):
             write_atomic(chunk.path, content)
             bar.update(len(chunk.seeds))
 

@@ -1,161 +1,292 @@
-"""The stress test: one notebook a group of scenarios through papermill, then one table of who survived."""
+"""The stress test: papermill runs `case.ipynb` once a case, then rows become tables, figures and a report."""
 
-import platform
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from dualnav_lite import __version__
-from dualnav_lite.config import Config, UnusableInput, write_atomic
+from dualnav_lite.cases import all_cases, load_case
+from dualnav_lite.config import Config, UnusableInput, with_overrides, write_atomic
 from dualnav_lite.env import DynamicNavVectorEnv, split_infos
-from dualnav_lite.episodes import COLUMNS
+from dualnav_lite.evaluate import evaluate, library_arm, plan_chunks
+from dualnav_lite.judge import judge_folder
 from dualnav_lite.notebooks import ROOT, run_notebook
-from dualnav_lite.planners import make_planner
-from dualnav_lite.scenario import all_scenarios
-from dualnav_lite.survival import read_episodes, survival, survived
+from dualnav_lite.planners import ARMS
+from dualnav_lite.report import latex_tables, report
+from dualnav_lite.scenario import load_scenario
+from dualnav_lite.survival import survived
 
 FOLDER = ROOT / "stress_tests"
-LONG = "04_battery"  # three hours a run, so it gets arms and a count of its own
-TABLE = "| {:<32} | {:<20} | {:>11} | {:>7} | {:>15} | {:>7} | {:>9} | {:>8} |"
-HEADER = ("scenario", "arm", "survived", "rate", "95 % (Wilson)", "article", "clearance", "energy")
+POLICY_ARMS = ("ppo", "ppo_filter")
+FAILED = "failed.csv"
 
 
-def notebook_names() -> list[str]:
-    """Names of the stress notebooks, in the order of the article's table."""
-    return sorted(path.stem for path in FOLDER.glob("*.ipynb"))
+@dataclass(frozen=True)
+class Plan:
+    """What is run: which arms, on how many seeds, where, and by whom.
 
-
-def table_lines(table: pd.DataFrame) -> list[str]:
-    """The survival table as lines of Markdown that also read well in a terminal.
-
-    Args:
-        table: as `survival.survival` gives it.
+    Attributes:
+        arms, episodes: of the short scenarios; long_arms, long_runs: of the three-hour scenario.
+        seed_base: first seed.
+        shard: "k/n" runs every n-th chunk from the k-th and judges nothing.
+        cluster: address of a Dask scheduler, or empty.
+        command: what a reader would type to get the same, for the report.
     """
-    titles = {name: scenario.title for name, scenario in all_scenarios().items()}
-    lines = [TABLE.format(*HEADER), TABLE.format(*("-" * len(name) for name in HEADER))]
-    for row in table.itertuples():
-        claim = "" if pd.isna(row.article_claim) else f"{row.article_claim:.0%}"
-        interval = f"{row.wilson_low:.1%} - {row.wilson_high:.1%}"
-        lines.append(
-            TABLE.format(
-                titles.get(row.scenario, row.scenario)[:32],
-                row.arm,
-                f"{row.survived} of {row.episodes}",
-                f"{row.survival_rate:.1%}",
-                interval,
-                claim,
-                f"{row.mean_min_clearance_m:.2f} m",
-                f"{row.mean_energy_j:.0f} J",
-            )
-        )
-    return lines
+
+    arms: Sequence[str]
+    episodes: int
+    long_arms: Sequence[str]
+    long_runs: int
+    seed_base: int
+    jobs: int
+    out: Path
+    command: str
+    shard: str = "1/1"
+    cluster: str = ""
+    preference: float = 0.5
+    overrides: dict[str, Any] = field(default_factory=dict)
+
+    def parameters(self, name: str) -> dict[str, Any]:
+        """What `case.ipynb` is given for a case: every name of its parameters cell."""
+        arms, count = (self.long_arms, self.long_runs) if load_case(name).is_long else (self.arms, self.episodes)
+        return {
+            "case": name,
+            "arms": list(arms),
+            "episodes": count,
+            "seed_base": self.seed_base,
+            "jobs": self.jobs,
+            "shard": self.shard,
+            "cluster": self.cluster,
+            "preference": self.preference,
+            "overrides": dict(self.overrides),
+            "out": str(self.out / name),
+        }
 
 
-def _joined(files: Sequence[Path]) -> str:
-    """The rows of several `episodes.csv` under one header."""
-    texts = [path.read_text(encoding="utf-8").split("\n", 1) for path in files]
-    return ",".join(COLUMNS) + "\n" + "".join(body for _, body in texts)
+def shard_of(text: str) -> tuple[int, int]:
+    """(k, n) of `k/n`.
+
+    >>> shard_of("2/8")
+    (2, 8)
+    """
+    try:
+        index, count = (int(part) for part in text.split("/"))
+    except ValueError:
+        raise UnusableInput(f"a shard reads k/n, such as 2/8; got '{text}'") from None
+    if not 1 <= index <= count:
+        raise UnusableInput(f"shard must be k/n with 1 <= k <= n, got {text}")
+    return index, count
 
 
-def _report(table: pd.DataFrame, command: str, failed: Sequence[str]) -> str:
-    """A page with the table and what it needs to be read and repeated."""
-    machine = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
-    seeds = ", ".join(sorted({f"{row.seed_first} to {row.seed_last}" for row in table.itertuples()}))
-    undone = [f"- `{name}` ended with an error: the executed notebook shows where." for name in failed]
-    lines = [
-        "# Stress test",
-        "",
-        f"`{command}`, kit {__version__}, {machine}. Seeds {seeds}; every arm runs the same ones.",
-        "",
-        *table_lines(table),
-        "",
-        "A short run survives when the goal is reached in time, without a contact and with charge left. `article` is",
-        "the rate that the article reports for its own policy; the arms here are planners. Clearance is the mean over",
-        "runs of the least distance between the hull and anything solid, energy the mean of a run.",
-        "",
-        *undone,
-    ]
-    return "\n".join(lines).rstrip() + "\n"
+def all_arms() -> list[str]:
+    """Every arm that can drive here: the policy, its filtered twin, the planners, the ablations that were trained."""
+    from dualnav_lite.deploy import MODEL_FOLDER
+
+    ablations = sorted(path.stem for path in (MODEL_FOLDER / "ablations").glob("ablation_*.onnx"))
+    found = []
+    for arm in (*POLICY_ARMS, *ARMS, *ablations):
+        try:
+            library_arm(arm, Config())
+        except UnusableInput as error:
+            print(f"left out: {error}", file=sys.stderr, flush=True)
+        else:
+            found.append(arm)
+    return found
 
 
-def run_stress(
-    arms: Sequence[str],
-    episodes: int,
-    long_arms: Sequence[str],
-    long_runs: int,
-    seed_base: int,
-    jobs: int,
-    out: Path,
-    command: str,
-) -> tuple[pd.DataFrame, list[str]]:
-    """Survival table of all stress notebooks, and the names of those that ended with an error.
+def broken_arms(arms: Sequence[str]) -> dict[str, str]:
+    """Why each of these arms cannot drive, by arm; arms that can are left out.
 
-    Writes the executed notebooks, `episodes.csv`, `survival.csv` and `report.md` to `out`; chunks that an earlier run
-    with the same settings finished are not run again.
-
-    Args:
-        arms: ids of planners.
-        episodes: seeds of each short scenario, from `seed_base`.
-        long_arms, long_runs: the same for the three-hour scenario.
-        jobs: worker processes.
-        out: results folder.
-        command: what the reader would type to get the same, for the report.
+    A name that nobody knows and a model that is not there raise at once; a model that is there and cannot be used is
+    one arm's failure, and the others go on without it.
 
     Raises:
-        UnusableInput: no notebook ran, or `out` refuses.
+        UnusableInput: an unknown arm or knob, a model file that does not exist.
     """
-    import papermill
-
-    names, failed, out = notebook_names(), [], Path(out).resolve()
-    for number, name in enumerate(names, start=1):
-        drivers, count = (long_arms, long_runs) if name == LONG else (arms, episodes)
-        print(f"[{number}/{len(names)}] {name}: seeds {count}, arms {', '.join(drivers)}", file=sys.stderr, flush=True)
-        rows = out / name / "episodes.csv"
-        rows.unlink(missing_ok=True)  # what an earlier run left does not stand for this one
-        parameters = {
-            "arms": list(drivers),
-            "episodes": count,
-            "seed_base": seed_base,
-            "jobs": jobs,
-            "out": str(rows.parent),
-        }
+    broken, config = {}, Config()
+    observations = np.zeros((1, 4 if config.observation.intensity else 3, 64, 64), np.float32)
+    for arm in dict.fromkeys(arms):
+        if arm.partition("@")[0] in ARMS:
+            library_arm(arm, config)
+            continue
         try:
-            run_notebook(FOLDER / f"{name}.ipynb", out / f"{name}.ipynb", parameters, sys.stderr)
-        except papermill.PapermillExecutionError as error:
-            print(f"{name}: {error.ename}: {error.evalue}", file=sys.stderr, flush=True)
-        if not rows.exists():
-            failed.append(name)
-    files = [out / name / "episodes.csv" for name in names if name not in failed]
-    if not files:
-        raise UnusableInput(f"no stress notebook came to its end; the executed copies in {out} show why")
-    write_atomic(out / "episodes.csv", _joined(files))
-    episodes_table = read_episodes(out / "episodes.csv")
-    order = list(episodes_table.scenario.unique())  # the article's, not the alphabet's
-    table = survival(episodes_table).sort_values("scenario", key=lambda ids: ids.map(order.index), kind="stable")
-    write_atomic(out / "survival.csv", table.to_csv(index=False, lineterminator="\n"))
-    write_atomic(out / "report.md", _report(table, command, failed))
-    return table, failed
+            driver = library_arm(arm, config)
+            if not hasattr(driver, "own_config"):
+                continue
+            own = driver.own_config(config)
+            if own.observation.intensity == config.observation.intensity and hasattr(driver, "output"):
+                driver.output(observations)
+        except UnusableInput as error:
+            if "no such model" in str(error) or "unknown arm" in str(error) or "No such file" in str(error):
+                raise
+            broken[arm] = str(error)
+        except Exception as error:  # whatever a foreign network raises is what is wrong with it
+            broken[arm] = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+    return broken
+
+
+def run_case(
+    case: str,
+    arms: Sequence[str],
+    episodes: int,
+    seed_base: int,
+    out: str | Path,
+    jobs: int = 1,
+    shard: str = "1/1",
+    cluster: str = "",
+    preference: float = 0.5,
+    overrides: dict[str, Any] | None = None,
+) -> pd.DataFrame:
+    """Rows of a case; arguments as in `evaluate`."""
+    seeds = range(seed_base, seed_base + episodes)
+    return evaluate(
+        arms,
+        load_case(case).scenarios,
+        seeds,
+        out,
+        overrides=overrides,
+        preference=preference,
+        jobs=jobs,
+        shard=shard_of(shard),
+        cluster=cluster,
+    )
+
+
+def without_broken(plan: Plan) -> tuple[Plan, list[tuple[str, str]]]:
+    """The plan with the arms that can drive, and (arm, reason) of the others.
+
+    Raises:
+        UnusableInput: none can, or as in `broken_arms`.
+    """
+    broken = broken_arms([*plan.arms, *plan.long_arms])
+    usable, long = ([arm for arm in arms if arm not in broken] for arms in (plan.arms, plan.long_arms))
+    for arm, reason in broken.items():
+        print(f"{arm} cannot drive: {reason}", file=sys.stderr, flush=True)
+    if not usable:
+        raise UnusableInput("no arm can drive: " + "; ".join(f"{arm}: {why}" for arm, why in broken.items()))
+    return replace(plan, arms=usable, long_arms=long or usable[:1]), list(broken.items())
+
+
+def run_cases(plan: Plan) -> list[tuple[str, str]]:
+    """Run `case.ipynb` for every case; (case, reason) of each that failed. Nothing that one does stops another."""
+    failed, names = [], list(all_cases())
+    for number, name in enumerate(names, start=1):
+        given = plan.parameters(name)
+        what = f"seeds {given['episodes']}, arms {', '.join(given['arms'])}"
+        print(f"[{number}/{len(names)}] {name}: {what}", file=sys.stderr, flush=True)
+        rows, reason = plan.out / name / "episodes.csv", ""
+        try:
+            rows.unlink(missing_ok=True)  # what an earlier run left does not stand for this one
+            run_notebook(FOLDER / "case.ipynb", plan.out / f"{name}.ipynb", given, sys.stderr)
+            if shard_of(plan.shard)[1] == 1 and not rows.exists():
+                reason = "the notebook ended without rows"
+        except Exception as error:
+            # A cell that raised, a kernel that died, a disk that is full: this case's failure and no other's.
+            reason = _reason(error)
+        if reason:
+            print(f"{name} failed: {reason}", file=sys.stderr, flush=True)
+            failed.append((name, reason))
+    return failed
+
+
+def _reason(error: Exception) -> str:
+    """One line for what went wrong in a notebook."""
+    name, value = getattr(error, "ename", type(error).__name__), getattr(error, "evalue", error)
+    return f"{name}: {' '.join(str(value).split())}"[:300]
+
+
+def error_rows(rows: pd.DataFrame) -> list[tuple[str, str]]:
+    """(scenario and arm, reason) where episodes ended because something raised."""
+    found = []
+    for (scenario, arm), group in rows[rows.outcome == "error"].groupby(["scenario", "arm"], sort=True):
+        found.append((f"{scenario}, {arm}", f"{len(group)} episodes raised; the first: {group.reason.iloc[0]}"))
+    return found
+
+
+def run_stress(plan: Plan) -> tuple[dict[str, pd.DataFrame], list[tuple[str, str]]]:
+    """Tables of the whole stress test, and what failed with its reason.
+
+    Writes the executed notebooks, the tables of `judge.judge`, figures, `failed.csv` and `report.md` to `plan.out`;
+    chunks that an earlier run with the same settings finished are not run again. A shard writes chunks alone, and its
+    tables are empty: `merge` has the last word.
+
+    Raises:
+        UnusableInput: an arm nobody knows, no case came to its end, or the folder refuses.
+    """
+    plan.out.mkdir(parents=True, exist_ok=True)
+    plan, failed = without_broken(plan)
+    failed += run_cases(plan)
+    if shard_of(plan.shard)[1] > 1:
+        return {}, failed
+    if not any((plan.out / name / "episodes.csv").exists() for name in all_cases()):
+        reasons = "; ".join(dict.fromkeys(reason for _, reason in failed))
+        raise UnusableInput(f"no case came to its end: {reasons}")
+    tables = judge_folder(plan.out)
+    failed += error_rows(tables["episodes"])
+    print("tables and figures", file=sys.stderr, flush=True)
+    try:
+        summary = {"results": str(plan.out), "language": "en"}
+        run_notebook(FOLDER / "summary.ipynb", plan.out / "summary.ipynb", summary, sys.stderr)
+    except Exception as error:
+        failed.append(("summary", _reason(error)))
+    text = pd.DataFrame(failed, columns=["what", "reason"]).to_csv(index=False, lineterminator="\n")
+    write_atomic(plan.out / FAILED, text)
+    for name, content in latex_tables(tables).items():
+        write_atomic(plan.out / name, content)
+    write_atomic(plan.out / "report.md", report(tables, plan.command, failed))
+    return tables, failed
+
+
+def merge_shards(folders: Sequence[Path], plan: Plan) -> tuple[dict[str, pd.DataFrame], list[tuple[str, str]]]:
+    """Bring the chunks of several machines together in `plan.out` and judge them; nothing is run again.
+
+    Raises:
+        UnusableInput: a folder without a run, or chunks that are still missing, of the settings in `plan`.
+    """
+    for folder in folders:
+        if not any(Path(folder).glob("*/run.json")):
+            raise UnusableInput(f"{folder}: no stress run here")
+        for chunk in sorted(Path(folder).glob("*/chunks/*.csv")):  # few chunks for many shards leave some with none
+            write_atomic(plan.out / chunk.relative_to(folder), chunk.read_bytes())
+    plan, broken = without_broken(plan)
+    for name in all_cases():
+        missing = missing_chunks(plan.parameters(name))
+        if missing:
+            raise UnusableInput(f"{name}: {missing} chunks of these settings are missing; run their shards first")
+    tables, failed = run_stress(plan)
+    return tables, broken + failed
+
+
+def missing_chunks(given: dict[str, Any]) -> int:
+    """Number of chunks of a case that no shard has finished."""
+    config = with_overrides(Config(), given["overrides"] | {"preference": given["preference"]})
+    prints = {arm: getattr(library_arm(arm, config), "fingerprint", "") for arm in given["arms"]}
+    scenarios = [load_scenario(name) for name in load_case(given["case"]).scenarios]
+    seeds = range(given["seed_base"], given["seed_base"] + given["episodes"])
+    return sum(not chunk.is_done() for chunk in plan_chunks(prints, scenarios, seeds, config, Path(given["out"])))
 
 
 def picture(arm: str, scenario: str, seed: int, until_s: float = np.inf) -> np.ndarray:
     """(H, W, 3) uint8 view of an episode at a time, or at its end if that comes first."""
-    planner = make_planner(arm, Config())
+    driver = library_arm(arm, Config())
     env = DynamicNavVectorEnv(
         1,
-        scenario=scenario,
-        truth=planner.needs_truth,
-        full_map=planner.needs_full_map,
+        driver.own_config(Config()) if hasattr(driver, "own_config") else Config(),
+        scenario,
+        truth=driver.needs_truth,
+        full_map=driver.needs_full_map,
         autoreset=False,
         render_mode="rgb_array",
     )
     observations, infos = env.reset(seed=seed)
-    planner.reset(np.arange(1))
+    driver.reset(np.arange(1))
     ended = False
     while not ended and infos["time_s"][0] < until_s:
-        actions = planner.act(observations, split_infos(infos, 1))
+        actions = driver.act(observations, split_infos(infos, 1))
         observations, _, terminated, truncated, infos = env.step(actions)
         ended = bool(terminated[0] or truncated[0])
     view = env.render()[0]

@@ -1,11 +1,14 @@
-"""The stress runner: papermill per notebook, one table, and a notebook that fails costs only itself."""
+"""The stress runner: papermill once a case, and whatever fails costs only itself."""
 
-import shutil
+import errno
+import signal
 
+import numpy as np
 import pandas as pd
 import pytest
 
-from dualnav_lite import notebooks, stress
+from dualnav_lite import deploy, judge, stress
+from dualnav_lite.cases import all_cases
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.episodes import SEEDS
 from dualnav_lite.survival import read_episodes, survived
@@ -13,69 +16,228 @@ from dualnav_lite.survival import read_episodes, survived
 TUNING = SEEDS["tuning"].start
 
 
+def a_plan(out, **changes):
+    settings = {
+        "arms": ["stand_still", "straight"],
+        "episodes": 2,
+        "long_arms": ["straight"],
+        "long_runs": 1,
+        "seed_base": TUNING,
+        "jobs": 1,
+        "out": out,
+        "command": "a command",
+    }
+    return stress.Plan(**(settings | changes))
+
+
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """A stress folder that holds one real notebook; the others take minutes."""
-    shutil.copy(stress.FOLDER / "01_pop_up.ipynb", tmp_path)
-    monkeypatch.setattr(stress, "FOLDER", tmp_path)
-    return tmp_path
+def two_cases(monkeypatch):
+    """Two short cases in place of five, one of them three hours long."""
+    chosen = {name: all_cases()[name] for name in ("pop_up", "comms_dropout")}
+    for module in (stress, judge):
+        monkeypatch.setattr(module, "all_cases", lambda: chosen)
+    return chosen
 
 
-def run(out):
-    return stress.run_stress(["stand_still", "straight"], 2, ["straight"], 1, TUNING, 1, out, "a command")
+def pretended(results):
+    """In place of papermill: what a case does by its name; the summary does nothing."""
+
+    def run_notebook(notebook, output, given, progress=None):
+        if notebook.stem == "summary":
+            return
+        act = results.get(given["case"])
+        if isinstance(act, Exception):
+            raise act
+        names = ("case", "arms", "episodes", "seed_base", "out")
+        stress.run_case(**{name: given[name] for name in names})
+
+    return run_notebook
 
 
-def test_a_run_leaves_rows_a_table_a_report_and_the_executed_notebook(folder, tmp_path):
-    (folder / "02_broken.ipynb").write_text(
+def test_a_run_leaves_rows_tables_figures_a_report_and_the_executed_notebooks(monkeypatch, tmp_path):
+    chosen = {"pop_up": all_cases()["pop_up"]}
+    for module in (stress, judge):
+        monkeypatch.setattr(module, "all_cases", lambda: chosen)
+    out = tmp_path / "结果 一"
+    tables, failed = stress.run_stress(a_plan(out))
+    assert failed == []
+    table = tables["survival"]
+    assert list(table.arm) == ["stand_still", "straight"] * 2
+    assert set(table.seed_first) == {TUNING}
+    rows = read_episodes(out / "episodes.csv")
+    assert len(rows) == 8
+    assert not survived(rows[rows.arm == "stand_still"]).any()
+    for name in ("survival", "paired", "pareto_episodes", "outcomes", "survival_strict", "training_seeds"):
+        assert (out / f"{name}.csv").exists(), name
+    assert r"\toprule" in (out / "survival.tex").read_text(encoding="utf-8")
+    report = (out / "report.md").read_text(encoding="utf-8")
+    assert "Pop-up obstacle" in report
+    assert "92 %" in report
+    assert "image/png" in (out / "pop_up.ipynb").read_text(encoding="utf-8")
+    assert "image/png" in (out / "summary.ipynb").read_text(encoding="utf-8")
+    assert (out / "figures" / "survival.pdf").stat().st_size > 1000
+    assert "**survival.**" in (out / "figures" / "captions.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (RuntimeError("a scenario raised\nin the middle"), "RuntimeError: a scenario raised in the middle"),
+        (OSError(errno.ENOSPC, "No space left on device"), "No space left on device"),
+    ],
+)
+def test_a_case_that_fails_is_named_with_its_reason_and_the_others_complete(
+    monkeypatch, tmp_path, two_cases, error, reason
+):
+    monkeypatch.setattr(stress, "run_notebook", pretended({"pop_up": error}))
+    tables, failed = stress.run_stress(a_plan(tmp_path, arms=["straight"]))
+    assert [what for what, _ in failed] == ["pop_up"]
+    assert reason in failed[0][1]
+    assert set(tables["survival"].scenario) == {"comms_dropout", "comms_dropout_bursts"}
+    assert reason in (tmp_path / "report.md").read_text(encoding="utf-8")
+    assert pd.read_csv(tmp_path / "failed.csv").what.tolist() == ["pop_up"]
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
+def test_a_killed_kernel_is_that_case_s_failure(monkeypatch, tmp_path, two_cases):
+    from dualnav_lite import notebooks
+
+    (tmp_path / "case.ipynb").write_text(
         notebooks.to_notebook(
-            '# %% tags=["parameters"]\narms = []\nepisodes = 1\nseed_base = 1\njobs = 1\nout = ""\n\n# %%\n1 / 0\n'
+            '# %% tags=["parameters"]\ncase = ""\narms = []\nepisodes = 1\nseed_base = 1\njobs = 1\nshard = ""\n'
+            'cluster = ""\npreference = 0.5\noverrides = {}\nout = ""\n\n# %%\nimport os\nimport signal\n\n'
+            "os.kill(os.getpid(), signal.SIGKILL)\n"
         ),
         encoding="utf-8",
     )
-    out = tmp_path / "结果 一"
-    table, failed = run(out)
-    assert failed == ["02_broken"]
-    assert list(table.arm) == ["stand_still", "straight"]
-    assert set(table.seed_first) == {TUNING}
-    rows = read_episodes(out / "episodes.csv")
-    assert len(rows) == 4
-    assert not survived(rows[rows.arm == "stand_still"]).any()
-    assert len(pd.read_csv(out / "survival.csv")) == 2
-    report = (out / "report.md").read_text(encoding="utf-8")
-    assert "02_broken" in report
-    assert "Pop-up obstacle" in report
-    assert "ZeroDivisionError" in (out / "02_broken.ipynb").read_text(encoding="utf-8")
-    assert "image/png" in (out / "01_pop_up.ipynb").read_text(encoding="utf-8")
+    monkeypatch.setattr(stress, "FOLDER", tmp_path)
+    monkeypatch.setattr(stress, "all_cases", lambda: {"pop_up": two_cases["pop_up"]})
+    failed = stress.run_cases(a_plan(tmp_path / "out"))
+    assert [what for what, _ in failed] == ["pop_up"]
+    assert "DeadKernelError" in failed[0][1]
 
 
-def test_nothing_to_show_is_an_error_not_an_empty_table(folder, tmp_path):
-    (folder / "01_pop_up.ipynb").unlink()
-    with pytest.raises(UnusableInput, match="no stress notebook"):
-        run(tmp_path / "out")
+def test_episodes_that_raise_are_reported_and_fail_the_run(monkeypatch, tmp_path, two_cases):
+    from dualnav_lite.simulation import Simulation
+
+    advance = Simulation.advance
+
+    def raising(self, commands, active):
+        if (self.steps == 20).any() and self.scenarios[0].id == "comms_dropout":
+            raise RuntimeError("the floor gave way")
+        advance(self, commands, active)
+
+    monkeypatch.setattr(Simulation, "advance", raising)
+    monkeypatch.setattr(stress, "run_notebook", pretended({}))
+    tables, failed = stress.run_stress(a_plan(tmp_path, arms=["straight"]))
+    assert [what for what, _ in failed] == ["comms_dropout, straight"]
+    assert "2 episodes raised; the first: RuntimeError: the floor gave way" in failed[0][1]
+    assert set(tables["survival"].scenario) >= {"pop_up", "comms_dropout_bursts"}
 
 
-def test_the_notebooks_ask_for_exactly_what_the_runner_gives():
+def test_corrupt_weights_cost_one_arm_and_a_missing_model_or_name_is_refused_at_once(monkeypatch, tmp_path):
+    monkeypatch.setattr(deploy, "MODEL_FOLDER", tmp_path)
+    with pytest.raises(UnusableInput, match="no such model"):
+        stress.broken_arms(["ppo"])
+    with pytest.raises(UnusableInput, match="unknown arm 'nobody'"):
+        stress.broken_arms(["nobody"])
+    (tmp_path / "ppo_actor.onnx").write_bytes(b"\x08garbage" * 100)
+    broken = stress.broken_arms(["ppo", "ppo_filter", "straight"])
+    assert set(broken) == {"ppo", "ppo_filter"}
+    assert "not an exported policy" in broken["ppo"]
+    plan, failed = stress.without_broken(a_plan(tmp_path, arms=["ppo", "straight"], long_arms=["ppo"]))
+    assert (plan.arms, plan.long_arms) == (["straight"], ["straight"])
+    assert failed == [("ppo", broken["ppo"])]
+    with pytest.raises(UnusableInput, match="no arm can drive"):
+        stress.without_broken(a_plan(tmp_path, arms=["ppo"], long_arms=["ppo"]))
+
+
+def test_a_policy_of_another_shape_is_one_arm_s_failure(tmp_path):
+    import onnx
+
+    node = onnx.helper.make_node("Identity", ["state"], ["output"])
+    shapes = [
+        onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, ["n", 7, 7]) for name in ("state", "output")
+    ]
+    model = onnx.helper.make_model(onnx.helper.make_graph([node], "foreign", shapes[:1], shapes[1:]))
+    path = tmp_path / "foreign.onnx"
+    path.write_bytes(model.SerializeToString())
+    assert "not an exported policy" in stress.broken_arms([str(path)])[str(path)]
+    shipped = onnx.load(deploy.MODEL_FOLDER / "ppo_actor.onnx")
+    model.metadata_props.extend(shipped.metadata_props)  # with the card of another network it is found out by driving
+    model.ir_version = shipped.ir_version
+    path.write_bytes(model.SerializeToString())
+    assert set(stress.broken_arms([str(path), "ppo"])) == {str(path)}
+
+
+def test_nothing_to_show_is_an_error_not_an_empty_table(monkeypatch, tmp_path, two_cases):
+    monkeypatch.setattr(stress, "run_notebook", pretended(dict.fromkeys(two_cases, RuntimeError("no"))))
+    with pytest.raises(UnusableInput, match="no case came to its end: RuntimeError: no"):
+        stress.run_stress(a_plan(tmp_path))
+
+
+def test_the_notebook_asks_for_exactly_what_the_runner_gives(tmp_path):
     import papermill
 
-    for name in stress.notebook_names():
-        known = papermill.inspect_notebook(str(stress.FOLDER / f"{name}.ipynb"))
-        assert set(known) == {"arms", "episodes", "seed_base", "jobs", "out"}, name
-    assert stress.LONG in stress.notebook_names()
+    known = papermill.inspect_notebook(str(stress.FOLDER / "case.ipynb"))
+    for name in all_cases():
+        assert set(a_plan(tmp_path).parameters(name)) == set(known)
+    assert set(papermill.inspect_notebook(str(stress.FOLDER / "summary.ipynb"))) == {"results", "language"}
 
 
-def test_every_scenario_of_the_article_has_a_notebook():
-    sources = " ".join(path.read_text(encoding="utf-8") for path in stress.FOLDER.glob("src/*.py"))
-    for name, scenario in stress.all_scenarios().items():
+def test_every_scenario_of_the_article_belongs_to_a_case():
+    from dualnav_lite.scenario import all_scenarios
+
+    held = [scenario for case in all_cases().values() for scenario in case.scenarios]
+    assert len(held) == len(set(held))
+    for name, scenario in all_scenarios().items():
         if scenario.article_claim is not None or name == "crowd_reactive":
-            assert f'"{name}"' in sources, name
+            assert name in held
 
 
-def test_the_three_hour_notebook_has_arms_and_a_count_of_its_own(monkeypatch, tmp_path):
-    given = {}
-    monkeypatch.setattr(stress, "run_notebook", lambda notebook, out, values, _: given.update({notebook.stem: values}))
-    with pytest.raises(UnusableInput):
-        run(tmp_path)
-    assert len(given) == 5
-    for name, values in given.items():
-        expected = (["straight"], 1) if name == stress.LONG else (["stand_still", "straight"], 2)
-        assert (values["arms"], values["episodes"]) == expected, name
+def test_three_hours_have_arms_and_a_count_of_their_own(tmp_path):
+    for name, case in all_cases().items():
+        given = a_plan(tmp_path, episodes=7).parameters(name)
+        expected = (["straight"], 1) if case.is_long else (["stand_still", "straight"], 7)
+        assert (given["arms"], given["episodes"]) == expected
+        assert case.is_long == (name == "battery")
+
+
+def test_shards_merged_are_the_whole_and_a_missing_one_is_named(monkeypatch, tmp_path, two_cases):
+    def run_notebook(notebook, output, given, progress=None):
+        if notebook.stem == "case":
+            stress.run_case(**given)
+
+    monkeypatch.setattr(stress, "run_notebook", run_notebook)
+    settings = {"arms": ["straight"], "episodes": 5}
+    stress.run_stress(a_plan(tmp_path / "whole", **settings))
+    for k in (1, 2, 3):
+        tables, failed = stress.run_stress(a_plan(tmp_path / f"part{k}", shard=f"{k}/3", **settings))
+        assert (tables, failed) == ({}, [])
+    parts = [tmp_path / f"part{k}" for k in (1, 2, 3)]
+    with pytest.raises(UnusableInput, match="chunks of these settings are missing"):
+        stress.merge_shards(parts[:1], a_plan(tmp_path / "some", **settings))
+    stress.merge_shards(parts, a_plan(tmp_path / "merged", **settings))
+    for name in ("episodes", "survival", "paired", "pareto_episodes", "outcomes"):
+        assert (tmp_path / "merged" / f"{name}.csv").read_bytes() == (tmp_path / "whole" / f"{name}.csv").read_bytes()
+
+
+@pytest.mark.parametrize(("text", "word"), [("3/2", "k/n"), ("0/2", "k/n"), ("a/b", "2/8"), ("2", "2/8")])
+def test_a_shard_that_is_none_is_refused(text, word):
+    with pytest.raises(UnusableInput, match=word):
+        stress.shard_of(text)
+
+
+def test_a_picture_is_drawn_with_the_policy_at_the_wheel():
+    view = stress.picture("ppo", "navigation", TUNING, until_s=1.0)
+    assert view.ndim == 3
+    assert view.dtype == np.uint8
+    assert view.std() > 10
+
+
+def test_an_estimate_names_hours_and_the_dearest_arm(tmp_path):
+    from dualnav_lite.pace import estimate
+
+    line = estimate(a_plan(tmp_path, arms=["straight", "cv_sampling"], long_arms=["straight"]))
+    assert "2 arms: about" in line
+    assert "hours of processor time" in line

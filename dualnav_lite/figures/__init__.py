@@ -73,6 +73,11 @@ def chinese_font() -> str:
     )
 
 
+def style_of(lang: str) -> dict[Any, Any]:
+    """matplotlib's settings for figures in one language; `UnusableInput` where its font is missing."""
+    return STYLE | ({"font.family": [chinese_font(), "DejaVu Sans"]} if lang == "zh" else {})
+
+
 def make_figures(
     out: Path,
     lang: str = "en",
@@ -100,11 +105,8 @@ def make_figures(
     _check(wanted, known, "figure")
     _check([lang], LANGUAGES, "language")
     _check(formats, FORMATS, "format")
-    style = dict(STYLE)
-    if lang == "zh":
-        style["font.family"] = [chinese_font(), "DejaVu Sans"]
     written = []
-    with matplotlib.rc_context(style):
+    with matplotlib.rc_context(style_of(lang)):
         for name in tqdm(wanted, desc="figures", disable=not progress):
             figure = known[name](Words(lang))
             for kind in formats:

@@ -1,0 +1,54 @@
+"""What stands under each figure of results, in English and Chinese."""
+# ruff: noqa: E501, RUF001  (paragraphs; Chinese punctuation is meant)
+
+from collections.abc import Sequence
+
+CAPTIONS = {
+    "survival": (
+        "Survival in the stress scenarios. Dot: share of runs that survived; bar: Wilson interval, 95 %. Dashed: what the "
+        "article claims for its own policy, which was not measured here. Dotted: best arm that drives blind. Grey line: the "
+        "planner that knows where everything is.",
+        "各压力场景的存活率。点：存活的比例；线段：95 % Wilson 区间。虚线：文章为其自身策略声称的数值，此处未测量。点线：最好的"
+        "盲驾方案。灰线：已知全部真值的规划器（上限）。",
+    ),
+    "fronts": (
+        "Safety against energy, a panel a scenario. Each line is one arm over its preferences (policies) or the scaled top speed "
+        "(planners); to the right is safer, down is thriftier. Filled: on the front of all arms of the scenario.",
+        "各场景中的安全与能耗。每条线为一个方案在不同偏好（策略）或不同最高速度（规划器）下的结果；向右更安全，向下更节能。"
+        "实心：位于该场景所有方案的联合前沿上。",
+    ),
+    "runs": (
+        "The article's view (5.1): each run that arrived is a point; large points are dominated by no other run of their arm in "
+        "that scenario. How many these are depends on the number of runs, so it measures little.",
+        "文章的视角（5.1）：每次到达目标的运行为一个点；大点为同一场景同一方案中不被其他运行支配者。其数目取决于运行次数，因此说明"
+        "不了多少问题。",
+    ),
+    "latency": (
+        "Left: wall-clock time of each stage of a control step, medians and tails. Right: ticks from the first scan that shows a "
+        "pop-up box to the first command that differs from a twin run without the box (20 stands for 20 and more).",
+        "左：每个控制步各阶段的实际用时（中位数与尾部）。右：从激光首次看到突现箱体，到指令首次与无箱体的孪生运行不同，所经过的"
+        "周期数（20 表示 20 及以上）。",
+    ),
+    "battery_hours": (
+        "Three hours on one battery, one run an arm. Dashed: the 15 % of charge and the 520 goals that survival asks for.",
+        "一块电池运行三小时，每个方案一次。虚线：存活所要求的 15 % 电量与 520 个目标。",
+    ),
+    "ablations": (
+        "Ablations, trained alike, beside the default (square): survival with Wilson intervals, 95 %.",
+        "消融实验：相同训练预算，与默认设置（方块）对照；存活率与 95 % Wilson 区间。",
+    ),
+    "trajectories": (
+        "Paths of the first runs of each arm over the map of one room; crosses end in a contact.",
+        "各方案在同一房间地图上的轨迹；叉号表示以碰撞结束。",
+    ),
+    "reward_terms": (
+        "Weighted reward terms over one run, with clearance and speed below.",
+        "一次运行中各加权奖励项随时间的变化，下方为间距与速度。",
+    ),
+}
+
+
+def caption_lines(names: Sequence[str], language: str) -> str:
+    """`captions.md`: a paragraph a figure."""
+    place = 0 if language == "en" else 1
+    return "\n\n".join(f"**{name}.** {CAPTIONS[name][place]}" for name in names) + "\n"

@@ -1,0 +1,267 @@
+"""Figures of results: each a pure function of the tables in a results folder, or else of the published ones."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from dualnav_lite.config import UnusableInput, write_atomic
+from dualnav_lite.figures import FORMATS, LANGUAGES, _check, _save, style_of
+from dualnav_lite.figures.captions import caption_lines
+from dualnav_lite.figures.sheet import QUIET, SMALL, Sheet, Words
+from dualnav_lite.judge import PUBLISHED, bounds
+from dualnav_lite.reference import REFERENCE
+from dualnav_lite.scenario import all_scenarios
+
+# Okabe and Ito's palette: told apart with every common colour blindness; markers differ as well, for print in grey.
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c8c8c")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<")
+ARM_LOOK = {"ppo": 0, "ppo_filter": 1, "cv_sampling": 2, "orca": 3, "astar": 4, "rrtstar": 5, "ceiling": 6, "dwa": 7}
+Read = Callable[[str], pd.DataFrame]
+
+
+def look(arm: str, others: Sequence[str] = ()) -> tuple[str, str]:
+    """(colour, marker) of an arm: the same in every figure."""
+    name = arm.partition("@")[0]
+    place = ARM_LOOK.get(name, (list(others).index(arm) if arm in others else 7) % len(COLOURS))
+    return COLOURS[place], MARKERS[place]
+
+
+def survival(words: Words, read: Read) -> Figure:
+    """Rates with Wilson intervals, and beside them the article's claim, the best blind arm and the ceiling."""
+    table = read("survival")
+    shown = table[table.source != PUBLISHED] if (table.source != PUBLISHED).any() else table
+    groups = [(name, group) for name, group in shown.groupby("scenario", sort=False)]
+    row, head, foot = 0.36, 0.4, 1.35
+    height = sum(len(group) * row + 0.42 for _, group in groups)
+    sheet = Sheet(11.0, head + height + foot)
+    axes = sheet.axes(4.2, head, 6.4, height)
+    y, labels, ticks = 0.0, [], []
+    for name, group in groups:
+        top, beside = y - 0.1, bounds(table, name)
+        sheet.text(0.15, head + y + 0.24, words.title(all_scenarios()[name]), fontweight="bold")
+        y += 0.42
+        for one in group.itertuples():
+            colour, marker = look(one.arm)
+            axes.plot([one.wilson_low, one.wilson_high], [y, y], color=colour, linewidth=2.2, solid_capstyle="butt")
+            axes.plot(one.survival_rate, y, marker, color=colour, markersize=8, clip_on=False, zorder=3)
+            ticks.append(y)
+            labels.append(words.row(one.arm, f"n = {one.episodes}"))
+            y += row
+        low, high = top + 0.22, y - 0.5 * row
+        claim = group.article_claim.iloc[0]
+        if pd.notna(claim):
+            axes.plot([claim, claim], [low, high], color=COLOURS[3], linewidth=2.0, linestyle=(0, (4, 2)))
+        for kind, line in (("blind", (0, (1, 1.4))), ("ceiling", "-")):
+            if kind in beside:
+                rate = beside[kind].survival_rate
+                axes.plot([rate, rate], [low, high], color=QUIET, linewidth=2.0, linestyle=line)
+    axes.set(xlim=(0, 1.005), ylim=(height, 0), xlabel=words("survived, 95 % interval [%]"))
+    axes.set_xticks(np.linspace(0, 1, 6), ["0", "20", "40", "60", "80", "100"])
+    axes.set_yticks(ticks, labels)
+    axes.tick_params(axis="y", length=0)
+    axes.grid(True, axis="x")
+    keys = [
+        Line2D([], [], color=COLOURS[3], linewidth=2.0, linestyle=(0, (4, 2)), label=words("claimed in the article")),
+        Line2D([], [], color=QUIET, linewidth=2.0, linestyle="-", label=words("ceiling: knows the truth")),
+        Line2D([], [], color=QUIET, linewidth=2.0, linestyle=(0, (1, 1.4)), label=words("best blind arm")),
+    ]
+    sheet.figure.legend(handles=keys, loc="lower center", ncols=3, fontsize=SMALL)
+    return sheet.figure
+
+
+def fronts(words: Words, read: Read) -> Figure:
+    """Energy a goal over clearance, a panel a scenario, one line an arm through its preferences or knob settings."""
+    table = read("pareto")
+    table = table[np.isfinite(table.energy_j_per_goal)]
+    names = list(dict.fromkeys(table.scenario))
+    columns = min(2, len(names))
+    rows = -(-len(names) // columns)
+    sheet = Sheet(6.3 * columns + 0.5, 4.6 * rows + 1.0)
+    arms = list(dict.fromkeys(table.arm))
+    for k, name in enumerate(names):
+        axes = sheet.axes(0.95 + 6.3 * (k % columns), 0.5 + 4.6 * (k // columns), 5.2, 3.3)
+        for arm, points in table[table.scenario == name].groupby("arm", sort=False):
+            colour, marker = look(arm, arms)
+            points = points.sort_values("preference")
+            axes.plot(points.safe_dist_m, points.energy_j_per_goal, color=colour, linewidth=1.2, alpha=0.6)
+            best = points.pareto_optimal.astype(bool)
+            for chosen, face in ((points[best], colour), (points[~best], "white")):
+                axes.plot(
+                    chosen.safe_dist_m, chosen.energy_j_per_goal, marker, color=colour, markerfacecolor=face,
+                    markersize=7,
+                )  # fmt: skip
+        axes.set_title(words.title(all_scenarios()[name]), loc="left")
+        axes.set(xlabel=words("mean least clearance [m]"), ylabel=words("energy a goal [J]"))
+        axes.locator_params(nbins=6)
+        axes.grid(True)
+    keys = [Line2D([], [], color=look(a, arms)[0], marker=look(a, arms)[1], markersize=7, label=a) for a in arms]
+    keys.append(Line2D([], [], color=QUIET, marker="o", linestyle="", markersize=7, label=words("on the joint front")))
+    sheet.figure.legend(handles=keys, loc="lower center", ncols=min(len(keys), 6), fontsize=SMALL)
+    return sheet.figure
+
+
+def runs_cloud(words: Words, read: Read) -> Figure:
+    """The article's view: every run that arrived as a point, those that no other run of its arm dominates filled."""
+    table = read("pareto_episodes")
+    table = table[table.scenario.map(lambda name: all_scenarios()[name].dispatcher is None)]
+    names, arms = list(dict.fromkeys(table.scenario)), list(dict.fromkeys(table.arm))[:3]
+    columns = min(2, len(names))
+    rows = -(-len(names) // columns)
+    sheet = Sheet(6.3 * columns + 0.5, 4.4 * rows + 1.0)
+    for k, name in enumerate(names):
+        axes = sheet.axes(0.95 + 6.3 * (k % columns), 0.5 + 4.4 * (k // columns), 5.2, 3.1)
+        for arm in arms:
+            points = table[(table.scenario == name) & (table.arm == arm)]
+            colour, marker = look(arm, arms)
+            axes.plot(points.safe_dist_m, points.energy_j, marker, color=colour, markersize=3, alpha=0.35, mew=0)
+            best = points[points.pareto_optimal.astype(bool)].sort_values("safe_dist_m")
+            axes.step(best.safe_dist_m, best.energy_j, color=colour, where="pre", linewidth=1.0)
+            axes.plot(best.safe_dist_m, best.energy_j, marker, color=colour, markersize=7)
+        axes.set_title(words.title(all_scenarios()[name]), loc="left")
+        axes.set(xlabel=words("least clearance of a run [m]"), ylabel=words("energy of a run [J]"))
+        axes.locator_params(nbins=6)
+        axes.grid(True)
+    keys = [Line2D([], [], color=look(a, arms)[0], marker=look(a, arms)[1], markersize=7, label=a) for a in arms]
+    sheet.figure.legend(handles=keys, loc="lower center", ncols=len(keys), fontsize=SMALL)
+    return sheet.figure
+
+
+def latency(words: Words, read: Read) -> Figure:
+    """Wall-clock of each stage of a control step, and how many ticks the first answer to a pop-up takes."""
+    table = read("latency")
+    stages = table[table.stage != "response_ticks"]
+    sheet = Sheet(12.6, 5.2)
+    axes = sheet.axes(1.5, 0.5, 5.6, 3.4)
+    y = np.arange(len(stages))
+    for column, colour, marker in (
+        ("p50_ms", COLOURS[0], "o"),
+        ("p95_ms", COLOURS[2], "^"),
+        ("p99_ms", COLOURS[1], "s"),
+    ):
+        axes.plot(stages[column], y, marker, color=colour, markersize=8, label=column.removesuffix("_ms"))
+    axes.hlines(y, stages.p50_ms, stages.p99_ms, color=QUIET, linewidth=1.2, zorder=0)
+    axes.set_xscale("log")
+    axes.set_yticks(y, [words(stage) for stage in stages.stage])
+    axes.set(ylim=(len(stages) - 0.4, -0.6), xlabel=words("time of a control step [ms]"))
+    axes.grid(True, axis="x")
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    ticks = read("response_ticks")
+    right = sheet.axes(8.3, 0.5, 4.0, 3.4)
+    counts = ticks.ticks.clip(upper=20).value_counts(normalize=True).sort_index()
+    right.bar(counts.index, 100 * counts.to_numpy(), color=COLOURS[0], width=0.8)
+    right.axvline(2.5, color=COLOURS[3], linestyle=(0, (4, 2)), linewidth=2.0, label=words("article: 200 ms"))
+    right.set(xlabel=words("ticks of 0.1 s until the command changes"), ylabel=words("share of runs [%]"))
+    right.grid(True, axis="y")
+    right.legend(loc="upper right")
+    return sheet.figure
+
+
+def battery_hours(words: Words, read: Read) -> Figure:
+    """Charge over three hours of each arm, and goals reached."""
+    table = read("battery_trace")
+    sheet = Sheet(12.6, 5.0)
+    left, right = sheet.axes(0.95, 0.4, 5.2, 3.6), sheet.axes(7.2, 0.4, 5.0, 3.6)
+    arms = list(dict.fromkeys(table.arm))
+    for arm, run in table.groupby("arm", sort=False):
+        colour, _ = look(arm, arms)
+        left.plot(run.time_s / 60, 100 * run.battery, color=colour, linewidth=2.2, label=arm)
+        right.plot(run.time_s / 60, run.goals, color=colour, linewidth=2.2, label=arm)
+    left.axhline(15, color=QUIET, linestyle=(0, (4, 2)), linewidth=1.6)
+    left.set(xlabel=words("time [min]"), ylabel=words("charge [%]"), xlim=(0, 180), ylim=(0, 100))
+    right.axhline(520, color=QUIET, linestyle=(0, (4, 2)), linewidth=1.6)
+    right.set(xlabel=words("time [min]"), ylabel=words("goals reached"), xlim=(0, 180), ylim=(0, None))
+    for axes in (left, right):
+        axes.grid(True)
+    handles, labels = left.get_legend_handles_labels()
+    sheet.figure.legend(handles, labels, loc="lower center", ncols=len(labels), fontsize=SMALL)
+    return sheet.figure
+
+
+def ablations(words: Words, read: Read) -> Figure:
+    """Rate of each ablation beside `ablation_default`, trained alike, with intervals."""
+    table = read("ablations")
+    names, arms = (
+        list(dict.fromkeys(table.scenario)),
+        sorted(table.arm.unique(), key=lambda a: (a != "ablation_default", a)),
+    )
+    sheet = Sheet(12.6, 0.5 + 0.42 * len(arms) + 1.0)
+    width = 9.2 / len(names)
+    for k, name in enumerate(names):
+        axes = sheet.axes(3.1 + width * k, 0.5, width - 0.25, 0.42 * len(arms))
+        for y, arm in enumerate(arms):
+            for one in table[(table.scenario == name) & (table.arm == arm)].itertuples():
+                colour = COLOURS[1] if arm == "ablation_default" else COLOURS[0]
+                axes.plot([one.wilson_low, one.wilson_high], [y, y], color=colour, linewidth=2.0)
+                axes.plot(one.survival_rate, y, "s" if arm == "ablation_default" else "o", color=colour, markersize=7)
+        axes.set_title(words.title(all_scenarios()[name]), fontsize=SMALL, loc="left", fontweight="normal")
+        axes.set(xlim=(0, 1.02), ylim=(len(arms) - 0.4, -0.6))
+        axes.set_xticks([0, 0.5, 1], ["0", "50", "100"])
+        axes.set_yticks(range(len(arms)), [a.removeprefix("ablation_") for a in arms] if k == 0 else [])
+        axes.grid(True, axis="x")
+    sheet.text(5.2, 0.42 * len(arms) + 1.3, words("survived, 95 % interval [%]"))
+    return sheet.figure
+
+
+# Name of a figure, the tables it needs, and who draws it.
+RESULTS: dict[str, tuple[tuple[str, ...], Callable[[Words, Read], Figure]]] = {
+    "survival": (("survival",), survival),
+    "fronts": (("pareto",), fronts),
+    "runs": (("pareto_episodes",), runs_cloud),
+    "latency": (("latency", "response_ticks"), latency),
+    "battery_hours": (("battery_trace",), battery_hours),
+    "ablations": (("ablations",), ablations),
+}
+
+
+def table_path(name: str, results: Path, reference: Path = REFERENCE) -> Path | None:
+    """Where a table stands: in the results, or else among the published ones; None if nowhere."""
+    places = (results / f"{name}.csv", reference / f"{name}.csv")
+    return next((path for path in places if path.exists()), None)
+
+
+def make_result_figures(
+    results: str | Path,
+    language: str = "en",
+    formats: Sequence[str] = FORMATS,
+    names: Sequence[str] | None = None,
+    reference: Path = REFERENCE,
+) -> list[Path]:
+    """Draw every figure whose tables exist into `<results>/figures`, with `captions.md` beside them.
+
+    Args:
+        results: folder with the tables of `judge.judge_folder` or of a measurement.
+        language: "en" or "zh"; formats: of `figures.FORMATS`; names: of `RESULTS`, None for all that can be drawn.
+        reference: where a table is looked for that `results` lacks.
+
+    Raises:
+        UnusableInput: an unknown name, language or format, a font or a table that is missing.
+    """
+    results = Path(results)
+    _check(names or (), RESULTS, "figure of results")
+    _check([language], LANGUAGES, "language")
+    _check(formats, FORMATS, "format")
+
+    def read(name: str) -> pd.DataFrame:
+        return pd.read_csv(table_path(name, results, reference), encoding="utf-8")
+
+    written, drawn = [], []
+    with matplotlib.rc_context(style_of(language)):
+        for name in names or RESULTS:
+            needed, draw = RESULTS[name]
+            missing = [table for table in needed if table_path(table, results, reference) is None]
+            if missing and names:
+                raise UnusableInput(f"figure '{name}' needs {missing[0]}.csv, which is not in {results}")
+            if missing or read(needed[0]).empty:
+                continue
+            figure, ending = draw(Words(language), read), ".zh" if language == "zh" else ""
+            drawn.append(name)
+            written += [_save(figure, results / "figures", f"{name}{ending}.{kind}", kind) for kind in formats]
+    write_atomic(
+        results / "figures" / f"captions{'.zh' if language == 'zh' else ''}.md", caption_lines(drawn, language)
+    )
+    return written

@@ -1,0 +1,94 @@
+"""Rows of real worlds are the same bytes from one process, two, three shards, a Dask cluster, and after kills."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from dualnav_lite.config import UnusableInput
+from dualnav_lite.episodes import SEEDS
+from dualnav_lite.evaluate import evaluate
+from dualnav_lite.workers import checked_address, pool
+
+SEEDS_HERE = SEEDS["tuning"][:5]
+ARMS, SCENARIOS = ["ppo", "straight"], ["pop_up", "comms_dropout"]
+
+
+def run(out, **settings):
+    evaluate(ARMS, SCENARIOS, SEEDS_HERE, out, progress=False, **settings)
+    return Path(out) / "episodes.csv"
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Bytes of the rows, from one process without interruption."""
+    return run(tmp_path_factory.mktemp("whole")).read_bytes()
+
+
+def test_two_processes_and_three_shards_give_the_same_bytes(whole, tmp_path):
+    assert run(tmp_path / "two", jobs=2).read_bytes() == whole
+    for k in (3, 1, 2):
+        path = run(tmp_path / "shards", shard=(k, 3))
+    assert path.read_bytes() == whole
+
+
+def test_a_dask_cluster_of_two_workers_gives_the_same_bytes(whole, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    cluster = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1", local_directory=str(tmp_path / "d")
+    )
+    with cluster:
+        assert run(tmp_path / "dask", cluster=cluster.scheduler_address).read_bytes() == whole
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
+@pytest.mark.parametrize("chunks_before", [0, 1, 3])
+def test_killed_at_any_moment_and_run_again_nothing_is_lost_and_nothing_twice(whole, tmp_path, chunks_before):
+    killed_at(tmp_path, chunks_before, delay_s=0.0)
+    assert run(tmp_path).read_bytes() == whole
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
+def test_killed_twenty_times_nothing_is_lost_and_nothing_twice(whole, tmp_path):
+    for k in range(20):
+        folder = tmp_path / str(k)
+        killed_at(folder, k % 4, delay_s=0.03 * k)
+        assert run(folder).read_bytes() == whole
+        shutil.rmtree(folder)
+
+
+def killed_at(out, chunks_before, delay_s):
+    """Run in a process of its own and kill that some time after a number of chunks was written."""
+    code = f"import test_workers as t; t.run(r'{out}')"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
+    process = subprocess.Popen([sys.executable, "-c", code], env=environment)
+    give_up = time.monotonic() + 120
+    while process.poll() is None and time.monotonic() < give_up:
+        if (out / "run.json").exists() and len(list((out / "chunks").glob("[!.]*.csv"))) >= chunks_before:
+            time.sleep(delay_s)
+            process.send_signal(signal.SIGKILL)
+            break
+        time.sleep(0.005)
+    process.wait(timeout=120)
+    assert (out / "run.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("address", "word"),
+    [("localhost:8786", "tcp://host:port"), ("tcp://nowhere", "tcp://host:port"), ("tcp://192.0.2.7:8786", "tls://")],
+)
+def test_an_address_that_will_not_do_is_refused_before_anything_runs(address, word):
+    with pytest.raises(UnusableInput, match=word):
+        checked_address(address)
+
+
+def test_a_cluster_that_is_not_there_is_one_clear_line():
+    pytest.importorskip("distributed")
+    with pytest.raises(UnusableInput, match="nobody answers"), pool(cluster="tcp://127.0.0.1:9"):
+        pass
