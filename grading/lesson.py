@@ -1,0 +1,240 @@
+"""One lesson of one submission: sandboxes started, questions asked, outcomes."""
+
+import builtins
+import contextlib
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from grading import wire
+from grading.rebuild import Master, normalised, rebuilt
+from grading.rubric import Lesson
+from grading.sandbox import Job, Limits, Sandbox, SandboxError
+from grading.secret import Secret
+from grading.tasks import questions_of
+
+MOST_REPLY = 8 << 20
+# Names of exceptions that may be shown: a student chooses the name of his own, so no other name is.
+KNOWN_ERRORS = frozenset(
+    name for name, value in vars(builtins).items() if isinstance(value, type) and issubclass(value, Exception)
+)
+
+
+@dataclass
+class Outcome:
+    """What an exercise got.
+
+    Attributes:
+        share: of its points, in [0, 1].
+        status: passed, partial, failed, error, timeout, not_run or ungraded.
+        reason: code; empty where passed.
+        source: whose parts were run, such as `gae:student`, joined by `+`.
+        detail: numbers for feedback that tell nothing hidden: questions right and asked, by reason code.
+    """
+
+    share: float
+    status: str
+    reason: str = ""
+    source: str = ""
+    detail: dict = field(default_factory=dict)
+
+
+@dataclass
+class Setting:
+    """What a lesson is graded with.
+
+    Attributes:
+        master: teacher's notebook.
+        lesson: of the rubric.
+        packages: masked copy of the library.
+        kernels: compiled kernels, or None.
+        secret: of hidden inputs.
+        tier: of the sandbox.
+        limits: of each sandbox.
+    """
+
+    master: Master
+    lesson: Lesson
+    packages: Path
+    kernels: Path | None
+    secret: Secret
+    tier: str
+    limits: Limits = field(default_factory=Limits)
+
+
+class Session:
+    """A sandbox that has said hello and waits for questions."""
+
+    def __init__(self, setting: Setting, sources: dict[str, str]):
+        notebook = rebuilt(setting.master, sources)
+        job = Job(setting.packages, {"notebook.ipynb": notebook}, kernels=setting.kernels, limits=setting.limits)
+        self.sandbox = Sandbox(job, setting.tier)
+        self.executed = b""
+
+    def begin(self, seconds: float) -> None:
+        """Wait for the hello."""
+        connection, arrays = self.sandbox.accept(seconds, MOST_REPLY)
+        notebook = arrays.get("notebook")
+        if notebook is not None and notebook.dtype.name == "uint8" and notebook.size <= 1 << 20:
+            self.executed = notebook.tobytes()
+        self.caller = wire.Caller(connection)
+
+    def close(self) -> None:
+        self.sandbox.close()
+
+
+def untouched(source: str, stub: str) -> bool:
+    """Whether a cell is still what the student was given."""
+    return normalised(source) == normalised(stub)
+
+
+def grade_lesson(setting: Setting, sources: dict[str, str]) -> tuple[dict[str, Outcome], bytes]:
+    """Outcome of each exercise, and the notebook as executed before the first hidden call.
+
+    Args:
+        setting: see `Setting`.
+        sources: cell by exercise, or a NUL and a reason code.
+    """
+    outcomes: dict[str, Outcome] = {}
+    usable: dict[str, str] = {}
+    for exercise in setting.lesson.exercises:
+        source = sources.get(exercise, "\0cell_missing")
+        if source.startswith("\0"):
+            outcomes[exercise] = Outcome(0.0, "not_run", source[1:])
+        elif untouched(source, setting.master.stubs[exercise]):
+            outcomes[exercise] = Outcome(0.0, "not_run", "not_done")
+        else:
+            usable[exercise] = source
+    run = _Run(setting, usable, outcomes)
+    run.together()
+    run.one_by_one()
+    return {name: outcomes[name] for name in setting.lesson.exercises}, run.executed
+
+
+class _Run:
+    """Sandboxes of a lesson: first one with all cells; then one for each exercise that is still open."""
+
+    def __init__(self, setting: Setting, usable: dict[str, str], outcomes: dict[str, Outcome]):
+        self._setting, self._usable, self._outcomes = setting, usable, outcomes
+        self.executed = b""
+
+    def _open(self) -> list[str]:
+        return [name for name in self._usable if name not in self._outcomes]
+
+    def _needs(self, exercise: str) -> tuple[str, ...]:
+        return self._setting.lesson.exercises[exercise].needs
+
+    def _has_passed(self, exercise: str) -> bool:
+        return exercise in self._outcomes and self._outcomes[exercise].status == "passed"
+
+    def together(self) -> None:
+        """All of the student's cells in one sandbox; an exercise that calls one that did not pass stays open."""
+        while todo := self._open():
+            with self._session(self._usable) as session:
+                if isinstance(session, Outcome):
+                    if session.status == "ungraded" or len(self._usable) == 1:
+                        self._outcomes.update({name: session for name in todo})
+                    return  # some cell spoils it for the others; each alone tells which
+                died = self._ask_all(session, [name for name in todo if self._own_parts(name)])
+                if not died:
+                    return
+
+    def _own_parts(self, exercise: str) -> bool:
+        return all(need in self._usable for need in self._needs(exercise))
+
+    def _ask_all(self, session, todo: list[str]) -> bool:
+        """Grade in order; whether the sandbox is of no more use."""
+        for name in todo:
+            if not all(self._has_passed(need) for need in self._needs(name)):
+                continue
+            self._outcomes[name], died = self._ask(session, name, dict.fromkeys(self._needs(name), "student"))
+            if died:
+                return True
+        return False
+
+    def one_by_one(self) -> None:
+        """Each exercise that is open in a sandbox of its own; what it calls is the reference where it did not pass."""
+        for name in self._open():
+            parts = {}
+            cells = {name: self._usable[name]}
+            for need in self._needs(name):
+                own = self._has_passed(need)
+                parts[need] = "student" if own else "reference"
+                cells[need] = self._usable[need] if own else self._setting.master.solutions[need]
+            with self._session(cells) as session:
+                if isinstance(session, Outcome):
+                    self._outcomes[name] = session
+                else:
+                    self._outcomes[name], _ = self._ask(session, name, parts)
+
+    @contextlib.contextmanager
+    def _session(self, cells: dict[str, str]):
+        """A session, or the outcome of everybody in it where there is none."""
+        session = None
+        try:
+            try:
+                session = Session(self._setting, cells)
+            except SandboxError:
+                yield Outcome(0.0, "ungraded", "sandbox_failed")
+                return
+            try:
+                session.begin(self._setting.limits.start_s)
+            except wire.ProtocolError as error:
+                yield self._without_hello(session, error)
+                return
+            self.executed = self.executed or session.executed
+            yield session
+        finally:
+            if session:
+                session.close()
+
+    def _without_hello(self, session, error) -> Outcome:
+        """Why nobody answered: an empty notebook that gets no further either is not the student's fault."""
+        if session.sandbox.killed_for:
+            return Outcome(0.0, "error", f"too_much_{session.sandbox.killed_for}")
+        if isinstance(error, wire.DeadlineError):
+            return Outcome(0.0, "timeout", "cells_took_too_long")
+        if not session.sandbox.ran_cells():
+            return Outcome(0.0, "ungraded", "sandbox_failed")
+        reason = "kernel_ended" if isinstance(error, wire.ClosedError) else "protocol"
+        return Outcome(0.0, "error", reason)
+
+    def _ask(self, session, exercise: str, parts: dict[str, str]) -> tuple[Outcome, bool]:
+        """Outcome of an exercise's questions, and whether the sandbox is of no more use."""
+        share, right, asked, reason, status = 0.0, 0, 0, "", ""
+        wrong: dict[str, int] = {}
+        seconds = self._setting.lesson.exercises[exercise].seconds
+        deadline = time.monotonic() + seconds
+        died = False
+        for question in questions_of(exercise)(self._setting.secret.generator(exercise)):
+            asked += 1
+            try:
+                left = max(0.05, deadline - time.monotonic())
+                error, answer = session.caller.ask(exercise, question.arrays, left)
+            except wire.ProtocolError as problem:
+                died = True
+                killed = session.sandbox.killed_for
+                status = "timeout" if isinstance(problem, wire.DeadlineError) and not killed else "error"
+                hung = "took_too_long" if status == "timeout" else "kernel_ended"
+                if not isinstance(problem, wire.ClosedError | wire.DeadlineError):
+                    hung = "protocol"
+                reason, share = f"too_much_{killed}" if killed else hung, 0.0
+                break
+            found = _error_reason(error) if error else question.judge(answer)
+            if found:
+                wrong[found] = wrong.get(found, 0) + 1
+                reason = reason or found
+            else:
+                share, right = share + question.share, right + 1
+        share = min(1.0, round(share, 9))
+        status = status or ("passed" if right == asked else "partial" if share else "failed")
+        names = parts | {exercise: "student"}
+        source = "+".join(f"{name}:{whose}" for name, whose in names.items())
+        return Outcome(share, status, reason, source, {"right": right, "asked": asked, "wrong": wrong}), died
+
+
+def _error_reason(name: str) -> str:
+    """Reason code of an exception: its type where Python knows it."""
+    if name == "NotImplementedError":
+        return "not_done"
+    return f"raised_{name}" if name in KNOWN_ERRORS else "raised_an_error"

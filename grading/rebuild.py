@@ -1,0 +1,175 @@
+"""The notebook that is run: given cells of the master, solution cells of the submission, one serve cell.
+
+Of a submission only the type and the source of the asked exercises' cells are taken. Its outputs, metadata, kernel,
+language, parameters, tags and all other cells never reach papermill.
+"""
+
+import ast
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+MOST_NOTEBOOK = 20 * 1024 * 1024
+MOST_SOURCE = 200_000
+MOST_CELLS = 5_000
+KERNEL = {
+    "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
+    "language_info": {"name": "python"},
+}
+# The paths are looked up inside, since they differ between tiers.
+SERVE = """import os as _os, sys as _sys
+_sys.path.append(_os.environ["GRADING_FOLDER"])
+import serve as _serve
+_serve.run(globals(), _os.environ["GRADING_SOCKET"], _os.environ["GRADING_EXECUTED"])
+"""
+
+
+class Unreadable(ValueError):
+    """A notebook that is none; its text is a reason code."""
+
+
+@dataclass(frozen=True)
+class Master:
+    """What the teacher's notebook of a lesson gives.
+
+    Attributes:
+        order: cells that are run, as ("given", source) or ("solution", exercise).
+        solutions: reference source by exercise.
+        stubs: what a student was given, by exercise.
+    """
+
+    order: tuple[tuple[str, str], ...]
+    solutions: dict[str, str]
+    stubs: dict[str, str]
+
+
+def text_of(source) -> str | None:
+    """A cell's source as a string; None where it is no text, too long, or holds half of a character."""
+    if isinstance(source, list) and all(isinstance(line, str) for line in source):
+        source = "".join(source)
+    if not isinstance(source, str) or len(source) > MOST_SOURCE:
+        return None
+    try:
+        source.encode("utf-8")
+    except UnicodeEncodeError:
+        return None
+    return source
+
+
+def cells_in(content: bytes) -> list[dict]:
+    """Cells of a notebook file.
+
+    Raises:
+        Unreadable: `too_large`, `not_a_notebook`.
+    """
+    if len(content) > MOST_NOTEBOOK:
+        raise Unreadable("too_large")
+    try:
+        found = json.loads(content.decode("utf-8-sig"))
+    except (ValueError, RecursionError, UnicodeDecodeError):
+        raise Unreadable("not_a_notebook") from None
+    cells = found.get("cells") if isinstance(found, dict) else None
+    if not isinstance(cells, list) or len(cells) > MOST_CELLS:
+        raise Unreadable("not_a_notebook")
+    return [cell for cell in cells if isinstance(cell, dict)]
+
+
+def solution_cells(content: bytes, exercises: tuple[str, ...]) -> dict[str, str]:
+    """Source of each exercise's cell, or a reason code behind a NUL where there is none that can be used.
+
+    A cell is found by its id, which is the exercise's; where an editor dropped the ids, by nbgrader's `grade_id`.
+    """
+    cells = [cell for cell in cells_in(content) if cell.get("cell_type") == "code"]
+    found = {}
+    for exercise in exercises:
+        matches = [cell for cell in cells if cell.get("id") == exercise]
+        if not matches:
+            matches = [cell for cell in cells if _grade_id(cell) == exercise]
+        if not matches:
+            found[exercise] = "\0cell_missing"
+        elif len(matches) > 1:
+            found[exercise] = "\0cell_twice"
+        else:
+            text = text_of(matches[0].get("source"))
+            found[exercise] = "\0cell_is_no_text" if text is None else text
+    return found
+
+
+def _grade_id(cell: dict):
+    metadata = cell.get("metadata")
+    block = metadata.get("nbgrader") if isinstance(metadata, dict) else None
+    return block.get("grade_id") if isinstance(block, dict) else None
+
+
+def read_master(path: Path, stub) -> Master:
+    """The teacher's notebook of a lesson.
+
+    Args:
+        path: `notebooks/NN_name.ipynb`.
+        stub: function of (source, exercise) that makes the student's version of a cell.
+    """
+    order, solutions, stubs = [], {}, {}
+    for cell in cells_in(path.read_bytes()):
+        tags = cell.get("metadata", {}).get("tags", [])
+        source = text_of(cell.get("source", "")) or ""
+        if cell.get("cell_type") != "code":
+            continue
+        if "given" in tags:
+            order.append(("given", source))
+        elif "solution" in tags:
+            exercise = cell["id"]
+            order.append(("solution", exercise))
+            solutions[exercise], stubs[exercise] = source, stub(source, exercise)
+    return Master(tuple(order), solutions, stubs)
+
+
+def rebuilt(master: Master, sources: dict[str, str]) -> bytes:
+    """The notebook that papermill gets.
+
+    Args:
+        master: of the lesson.
+        sources: cell by exercise; exercises that are missing are left out.
+    """
+    texts = []
+    for kind, value in master.order:
+        if kind == "given":
+            texts.append(value)
+        elif value in sources:
+            texts.append(sources[value])
+    texts.append(SERVE)
+    cells = [
+        {"cell_type": "code", "execution_count": None, "id": f"c{k}", "metadata": {}, "outputs": [], "source": text}
+        for k, text in enumerate(texts)
+    ]
+    return json.dumps({"cells": cells, "metadata": KERNEL, "nbformat": 4, "nbformat_minor": 5}).encode("utf-8")
+
+
+def normalised(source: str) -> str:
+    """A cell without comments, docstrings, blank space and the names of its own variables, to see copies.
+
+    Falls back to the text without blank space where it is no Python.
+    """
+    try:
+        tree = ast.parse(source)
+        for node in ast.walk(tree):
+            body = getattr(node, "body", None)
+            if isinstance(body, list) and len(body) > 1 and _is_docstring(body[0]):
+                del body[0]
+        names: dict[str, str] = {}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.arg):
+                node.annotation = None
+            if isinstance(node, ast.FunctionDef):
+                node.returns = None
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                names.setdefault(node.id, f"v{len(names)}")
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Name) and node.id in names:
+                node.id = names[node.id]
+        return ast.dump(tree, annotate_fields=False)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return "".join(source.split())
+
+
+def _is_docstring(node) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
