@@ -3,6 +3,7 @@
 The scorer trusts the answers only because nothing of others runs beside it in this sandbox.
 """
 
+import contextlib
 import ctypes
 import errno
 import os
@@ -60,8 +61,25 @@ def others_unseen() -> bool:
         return True
 
 
+def shut(path, mode: str) -> bool:
+    """Whether a file cannot be opened."""
+    try:
+        with open(path, mode):
+            return False
+    except OSError:
+        return True
+
+
+def content(path: str) -> bytes:
+    """Of a file; nothing where it cannot be read."""
+    try:
+        return Path(path).read_bytes()
+    except OSError:
+        return b""
+
+
 def raises_limit() -> bool:
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     try:
         resource.setrlimit(resource.RLIMIT_NOFILE, (hard + 1, hard + 1))
     except (OSError, ValueError):
@@ -82,18 +100,16 @@ TRIALS = {
     "packet": lambda: no_socket(17),
     "abstract_socket": lambda: not reach("\0" + os.environ["PROBE_ABSTRACT"]),
     "path_socket": lambda: not reach(os.environ["PROBE_SOCKET"]),
-    "host_file": lambda: fails(lambda: open(os.environ["PROBE_FILE"], "rb")),
+    "host_file": lambda: shut(os.environ["PROBE_FILE"], "rb"),
     "host_signal": lambda: fails(lambda: os.kill(int(os.environ["PROBE_PID"]), signal.SIGTERM)),
-    "host_environment": lambda: fails(lambda: open(f"/proc/{os.environ['PROBE_PID']}/environ", "rb")),
-    "first_environment": lambda: (
-        fails(lambda: open("/proc/1/environ", "rb")) or b"PROBE_CANARY" not in open("/proc/1/environ", "rb").read()
-    ),
+    "host_environment": lambda: shut(f"/proc/{os.environ['PROBE_PID']}/environ", "rb"),
+    "first_environment": lambda: b"PROBE_CANARY" not in content("/proc/1/environ"),
     "processes": others_unseen,
-    "write_root": lambda: fails(lambda: open("/probe", "wb")),
-    "write_dev": lambda: fails(lambda: open("/dev/probe", "wb")),
-    "write_python": lambda: fails(lambda: open(os.path.join(sys.prefix, "probe"), "wb")),
-    "write_grader": lambda: fails(lambda: open(Path(__file__).parent / "probe", "wb")),
-    "write_kernel": lambda: fails(lambda: open("/proc/sys/kernel/core_pattern", "wb")),
+    "write_root": lambda: shut("/probe", "wb"),
+    "write_dev": lambda: shut("/dev/probe", "wb"),
+    "write_python": lambda: shut(os.path.join(sys.prefix, "probe"), "wb"),
+    "write_grader": lambda: shut(Path(__file__).parent / "probe", "wb"),
+    "write_kernel": lambda: shut("/proc/sys/kernel/core_pattern", "wb"),
     "ptrace": lambda: refused(101, 0, 0, 0, 0),
     "process_vm": lambda: refused(310, os.getpid(), None, 0, None, 0, 0) and refused(311, os.getpid(), None, 0),
     "unshare": lambda: refused(272, 0x10000000),
@@ -122,11 +138,8 @@ def main() -> None:
     client.connect(os.environ["GRADING_SOCKET"])
     connection = wire.Connection(client)
     connection.send(wire.pack("hello", 0, "", found))
-    with open(os.devnull, "rb") as _:
-        try:
-            connection.receive()
-        except wire.ProtocolError:
-            pass
+    with contextlib.suppress(wire.ProtocolError):
+        connection.receive()
 
 
 if __name__ == "__main__":
