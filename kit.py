@@ -11,6 +11,9 @@ usage: python kit.py COMMAND [options]        python kit.py COMMAND --help
   card        models/README.md from the weights, the training's log and evaluated rows
   study       one of training/studies again: variants of a training, several seeds each
   beyond      a table from beyond our own world: crowdnav, ...
+  measure     fronts, battery band, latency, three hours, ablations, differential evolution: by name
+  claims      the article's claims beside what was measured: docs/CLAIMS.md
+  publish     the published rows of stress_tests/reference again: hours
   bench       speed, with the peers of requirements-bench.txt in the same run
   figures     all figures
   notebooks   rebuild the notebooks from their sources; --check; --take-back NN
@@ -34,8 +37,21 @@ import tempfile
 ROOT = os.path.dirname(os.path.abspath(__file__))
 KERNELS = os.path.join(ROOT, "dualnav_lite", "kernels")
 OLDEST, NEWEST = (3, 11), (3, 13)
-SIMULATES = ("lab", "stress", "merge", "test", "train", "evaluate", "study", "beyond", "bench", "figures")
-COMMANDS = SIMULATES + ("card", "notebooks", "release", "status", "doctor", "warm")
+SIMULATES = (
+    "lab",
+    "stress",
+    "merge",
+    "test",
+    "train",
+    "evaluate",
+    "study",
+    "beyond",
+    "measure",
+    "publish",
+    "bench",
+    "figures",
+)
+COMMANDS = SIMULATES + ("claims", "card", "notebooks", "release", "status", "doctor", "warm")
 
 
 def say(text):

@@ -140,6 +140,10 @@ class Movers:
         self.events[world] = 1 if is_standing else 0
         self.first_event_s[world] = 0.0 if is_standing else np.nan
 
+    def disarm(self, world: int) -> None:
+        """No pop-up box fires in this world any more: its twin that keeps them shows what they change."""
+        self._pop_ups[world] = []
+
     def fire(self, world: int, odometer_m: float, pose, room, goal, goal_field, time_s: float):
         """Let the next due pop-up box appear if it is fair now.
 

@@ -1,6 +1,7 @@
 """Rows of episodes to tables: how often an arm survives, and which of two arms does better on the same seeds."""
 
-from collections.abc import Mapping
+import io
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import IO
 
@@ -8,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from dualnav_lite import __version__
-from dualnav_lite.episodes import COLUMNS, OUTCOMES
+from dualnav_lite.episodes import COLUMNS, OUTCOMES, rows_to_csv
 from dualnav_lite.metrics import exact_interval, mcnemar_exact, paired_difference, wilson_interval
 from dualnav_lite.scenario import all_scenarios
 
@@ -30,6 +31,11 @@ def read_episodes(source: str | Path | IO) -> pd.DataFrame:
     text = [name for name, kind in COLUMNS.items() if kind == "str"]
     rows = pd.read_csv(source, dtype=COLUMNS, encoding="utf-8")
     return rows.assign(**{name: rows[name].fillna("") for name in text})
+
+
+def rows_of(episodes: Iterable[Mapping]) -> pd.DataFrame:
+    """Rows as `read_episodes` would give them back after they were written."""
+    return read_episodes(io.BytesIO(rows_to_csv(episodes)))
 
 
 def survived(rows: pd.DataFrame, strict: bool = False) -> pd.Series:

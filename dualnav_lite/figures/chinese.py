@@ -91,4 +91,10 @@ CHINESE = {
     "filter": "安全滤波",
     "PID": "PID",
     "total": "总计",
+    "weighted reward so far": "累计加权奖励",
+    "clearance [m]": "间距 [m]",
+    "safe": "安全",
+    "dynamic": "动态避障",
+    "energy": "能耗",
+    "terminal": "终止",
 }

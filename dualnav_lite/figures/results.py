@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from dualnav_lite.config import UnusableInput, write_atomic
-from dualnav_lite.figures import FORMATS, LANGUAGES, _check, _save, style_of
+from dualnav_lite.figures import FORMATS, LANGUAGES, _check, _save, runs, style_of
 from dualnav_lite.figures.captions import caption_lines
 from dualnav_lite.figures.sheet import QUIET, SMALL, Sheet, Words
 from dualnav_lite.judge import PUBLISHED, bounds
@@ -105,7 +105,7 @@ def fronts(words: Words, read: Read) -> Figure:
     return sheet.figure
 
 
-def runs_cloud(words: Words, read: Read) -> Figure:
+def cloud(words: Words, read: Read) -> Figure:
     """The article's view: every run that arrived as a point, those that no other run of its arm dominates filled."""
     table = read("pareto_episodes")
     table = table[table.scenario.map(lambda name: all_scenarios()[name].dispatcher is None)]
@@ -211,10 +211,12 @@ def ablations(words: Words, read: Read) -> Figure:
 RESULTS: dict[str, tuple[tuple[str, ...], Callable[[Words, Read], Figure]]] = {
     "survival": (("survival",), survival),
     "fronts": (("pareto",), fronts),
-    "runs": (("pareto_episodes",), runs_cloud),
+    "runs": (("pareto_episodes",), cloud),
     "latency": (("latency", "response_ticks"), latency),
     "battery_hours": (("battery_trace",), battery_hours),
     "ablations": (("ablations",), ablations),
+    "trajectories": ((), lambda words, read: runs.trajectories(words)),
+    "reward_terms": ((), lambda words, read: runs.reward_terms(words)),
 }
 
 
@@ -256,7 +258,7 @@ def make_result_figures(
             missing = [table for table in needed if table_path(table, results, reference) is None]
             if missing and names:
                 raise UnusableInput(f"figure '{name}' needs {missing[0]}.csv, which is not in {results}")
-            if missing or read(needed[0]).empty:
+            if missing or (needed and read(needed[0]).empty):
                 continue
             figure, ending = draw(Words(language), read), ".zh" if language == "zh" else ""
             drawn.append(name)

@@ -1,0 +1,114 @@
+"""Measurements beside the survival table, by name: each a command, a few CSVs and the defaults that SPEC asks for."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from dualnav_lite.config import UnusableInput, write_atomic
+from dualnav_lite.episodes import SEEDS
+from dualnav_lite.judge import csv_text
+
+ABLATION_DEFAULT = "ablation_default"
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a measurement is given.
+
+    Attributes:
+        arms, scenarios: ids; empty for the measurement's own.
+        episodes: seeds of each; 0 for the measurement's own number.
+        seed_base: first seed; jobs: worker processes; out: folder of the CSVs.
+    """
+
+    out: Path
+    arms: Sequence[str] = ()
+    scenarios: Sequence[str] = ()
+    episodes: int = 0
+    seed_base: int = SEEDS["test"].start
+    jobs: int = 1
+
+
+def front(options: Options) -> dict[str, pd.DataFrame]:
+    """Preferences of the policy and the top speed of four planners: `pareto.csv` and `front.csv`."""
+    from dualnav_lite.pareto import front, pareto
+    from dualnav_lite.sweep import sweep
+
+    rows = sweep(options)
+    return {"sweep": rows, "pareto": pareto(rows), "front": front(rows)}
+
+
+def intervention(options: Options) -> dict[str, pd.DataFrame]:
+    """The battery band alone flipped between 15 and 100 %, and whole runs begun at either: `intervention.csv`."""
+    from dualnav_lite.intervention import intervention
+
+    return {"intervention": intervention(options)}
+
+
+def latency(options: Options) -> dict[str, pd.DataFrame]:
+    """Wall-clock of the stages of a step, and ticks until a pop-up is answered: `latency.csv`, `response_ticks.csv`."""
+    from dualnav_lite.latency import latency_table, response_ticks
+
+    ticks = response_ticks(options)
+    return {"latency": latency_table(options, ticks), "response_ticks": ticks}
+
+
+def battery_trace(options: Options) -> dict[str, pd.DataFrame]:
+    """Charge, goals and contacts over three hours, once a simulated minute: `battery_trace.csv`."""
+    from dualnav_lite.traces import battery_trace
+
+    return {"battery_trace": battery_trace(options)}
+
+
+def perturb(options: Options) -> dict[str, pd.DataFrame]:
+    """Bounded changes of the policy's commands, searched by differential evolution: `perturbed_front.csv`."""
+    from dualnav_lite.adversary import perturbed_front
+
+    return {"perturbed_front": perturbed_front(options)}
+
+
+def find_failures(options: Options) -> dict[str, pd.DataFrame]:
+    """Scenario settings in which the policy fails, searched against random search: `failure_search.csv`."""
+    from dualnav_lite.adversary import failure_search
+
+    return {"failure_search": failure_search(options)}
+
+
+def ablations(options: Options) -> dict[str, pd.DataFrame]:
+    """Every ablation that was trained, beside the default trained alike: `ablations.csv`, `ablations_paired.csv`."""
+    from dualnav_lite.deploy import MODEL_FOLDER
+    from dualnav_lite.evaluate import evaluate
+    from dualnav_lite.survival import paired, survival
+
+    found = sorted(path.stem for path in (MODEL_FOLDER / "ablations").glob("ablation_*.onnx"))
+    arms = list(options.arms or found)
+    if ABLATION_DEFAULT not in arms:
+        raise UnusableInput(f"ablations are held against {ABLATION_DEFAULT}, which is not in models/ablations yet")
+    scenarios = options.scenarios or ("navigation", "pop_up", "crowd_crossing", "low_light_phantoms", "comms_dropout")
+    seeds = range(options.seed_base, options.seed_base + (options.episodes or 200))
+    rows = evaluate(arms, scenarios, seeds, options.out / "ablations", jobs=options.jobs)
+    pairs = [paired(rows, ABLATION_DEFAULT, arm) for arm in arms if arm != ABLATION_DEFAULT]
+    tables = {"ablations": survival(rows)}
+    return tables | ({"ablations_paired": pd.concat(pairs, ignore_index=True)} if pairs else {})
+
+
+MEASURES: dict[str, Callable[[Options], dict[str, pd.DataFrame]]] = {
+    measure.__name__: measure
+    for measure in (front, intervention, latency, battery_trace, ablations, perturb, find_failures)
+}
+
+
+def run(name: str, options: Options) -> dict[str, pd.DataFrame]:
+    """Measure and write `<table>.csv` into `options.out`; returns the tables.
+
+    Raises:
+        UnusableInput: an unknown name, arm or scenario, or a folder that refuses.
+    """
+    if name not in MEASURES:
+        raise UnusableInput(f"unknown measurement '{name}'; known: {', '.join(MEASURES)}")
+    tables = MEASURES[name](options)
+    for table, content in tables.items():
+        write_atomic(options.out / f"{table}.csv", csv_text(content))
+    return tables

@@ -1,0 +1,190 @@
+"""Fronts against points counted by hand; rows to tables against rows counted by hand."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dualnav_lite.config import UnusableInput
+from dualnav_lite.episodes import COLUMNS
+from dualnav_lite.judge import beats_claim, bounds, judge
+from dualnav_lite.metrics import bootstrap_rate
+from dualnav_lite.pareto import front, hypervolume, on_front, pareto, pareto_episodes, reference_point, safe_distance
+from dualnav_lite.reference import joined, published_rows
+from dualnav_lite.report import latex, markdown, report, survival_lines
+from dualnav_lite.survival import rows_of
+
+
+def rows(*episodes):
+    """Rows from (scenario, arm, seed, outcome, further columns)."""
+    full = []
+    for scenario, arm, seed, outcome, *more in episodes:
+        row = dict.fromkeys(COLUMNS) | {"scenario": scenario, "arm": arm, "seed": seed, "outcome": outcome}
+        row |= {"steps": 10, "preference": 0.5, "min_clearance_m": 0.3, "energy_j": 200.0, "path_m": 5.0}
+        full.append(row | (more[0] if more else {}))
+    return rows_of(full)
+
+
+def point(arm, preference, safe, energy, seeds=range(4), **more):
+    values = {"preference": preference, "min_clearance_m": safe, "energy_j": energy}
+    return [("pop_up", arm, seed, "goal", values | more) for seed in seeds]
+
+
+def test_the_article_s_own_table_has_one_point_on_its_front():
+    # Article 5.1 marks (0.31 m, 22.7 J) optimal; (0.42 m, 18.3 J) is better in both.
+    assert on_front([[0.42, 18.3], [0.31, 22.7], [0.25, 35.1], [0.38, 29.5]]).tolist() == [True, False, False, False]
+
+
+def test_fronts_keep_equal_points_and_leave_out_what_reached_no_goal():
+    assert on_front([[0.3, 100], [0.3, 100], [0.3, 120], [0.9, np.inf]]).tolist() == [True, True, False, False]
+    assert on_front(np.zeros((0, 2))).tolist() == []
+
+
+def test_hypervolume_is_the_area_worked_out_by_hand():
+    # (0.2 m, 300 J) covers 0.2 x 700; (0.4 m, 600 J) adds 0.2 x 400.
+    assert hypervolume([[0.2, 300], [0.4, 600], [0.1, np.inf]], (0.0, 1000.0)) == pytest.approx(140 + 80)
+    assert hypervolume([[0.2, 1200]], (0.0, 1000.0)) == 0.0
+
+
+def test_a_collision_has_no_clearance_and_its_energy_still_counts():
+    some = rows(
+        ("pop_up", "ppo", 0, "goal", {"min_clearance_m": 0.4, "energy_j": 300.0}),
+        ("pop_up", "ppo", 1, "hit_box", {"min_clearance_m": 0.1, "energy_j": 100.0}),
+    )
+    assert safe_distance(some).tolist() == [0.4, 0.0]
+    row = pareto(some).iloc[0]
+    assert (row.safe_dist_m, row.energy_j_per_goal, row.survival_rate, row.episodes) == (0.2, 400.0, 0.5, 2)
+    assert row.pareto_optimal
+    assert row.hypervolume_share == pytest.approx(1.0)
+
+
+def test_dominance_never_reaches_across_scenarios():
+    some = rows(*point("ppo", 0.5, 0.1, 500.0), ("crowd_crossing", "ppo", 0, "goal", {"min_clearance_m": 0.9}))
+    assert pareto(some).pareto_optimal.all()
+
+
+def test_the_front_table_counts_each_arm_s_share_and_bounds_it():
+    some = rows(*point("a", 0.0, 0.4, 400.0), *point("a", 1.0, 0.2, 200.0), *point("b", 0.5, 0.1, 300.0))
+    table = front(some, draws=50).set_index("arm")
+    assert table.share_on_front.to_dict() == {"a": 1.0, "b": 0.0}
+    assert table.hypervolume["a"] == pytest.approx(0.2 * 800 + 0.2 * 600)
+    assert (table.low <= table.share_on_front).all()
+    assert (table.high >= table.share_on_front).all()
+    assert table.reference_point.tolist() == ["0 m; 1000 J"] * 2
+
+
+def test_an_uncertain_front_has_a_wide_interval_and_one_seed_of_training_too_many_is_seen():
+    noise = np.random.default_rng(1)
+    episodes = []
+    for arm in ("a", "b"):
+        for seed in range(12):
+            episodes += point(arm, 0.5, float(noise.uniform(0.1, 0.5)), 300.0, [seed])
+    table = front(rows(*episodes), draws=200).set_index("arm")
+    assert (table.low == 0).all()
+    assert (table.high == 1).all()
+
+
+def test_two_levels_of_resampling_are_wider_than_one():
+    agree = np.tile([1.0, 0.0], (4, 50))
+    differ = np.repeat([[1.0], [0.0], [1.0], [0.0]], 100, axis=1)
+    assert bootstrap_rate(agree)[0] == bootstrap_rate(differ)[0] == 0.5
+    widths = [high - low for _, low, high in map(bootstrap_rate, (agree, differ))]
+    assert widths[0] == pytest.approx(2 * 1.96 * np.sqrt(0.25 / 100), rel=0.1)
+    assert widths[1] > 0.7
+    assert bootstrap_rate(agree) == bootstrap_rate(agree)
+
+
+def test_the_article_s_view_flags_runs_within_scenario_and_arm():
+    some = rows(*point("a", 0.5, 0.4, 400.0, [0]), *point("a", 0.5, 0.2, 500.0, [1]), *point("b", 0.5, 0.1, 900.0, [2]))
+    table = pareto_episodes(some)
+    assert table.pareto_optimal.tolist() == [True, False, True]
+
+
+def test_the_reference_point_is_committed_and_a_wrong_file_is_named(tmp_path):
+    assert reference_point("pop_up") == (0.0, 1000.0)
+    path = tmp_path / "point.yaml"
+    path.write_text("default: {safe_dist_m: 0.0}\n", encoding="utf-8")
+    with pytest.raises(UnusableInput, match="energy_j_per_goal"):
+        reference_point("pop_up", path)
+
+
+MEASURED = rows(
+    *[("pop_up", "ppo", seed, "goal" if seed < 9 else "hit_box") for seed in range(10)],
+    *[("pop_up", "ppo_filter", seed, "goal") for seed in range(10)],
+    ("battery", "ppo", 0, "survived", {"contacts": 2, "goals": 540}),
+)
+PUBLISHED = rows(
+    *[("pop_up", "ppo", seed, "timeout") for seed in range(10)],  # measured anew, so it does not count
+    *[("pop_up", "ceiling", seed, "goal") for seed in range(20)],
+    *[("pop_up", "straight", seed, "hit_box") for seed in range(10)],
+    *[("pop_up", "crawl", seed, "goal" if seed < 2 else "timeout") for seed in range(10)],
+    ("low_light", "ceiling", 0, "goal"),
+)
+
+
+def test_published_arms_are_joined_by_seed_and_never_in_place_of_measured_ones():
+    found = joined(MEASURED, PUBLISHED)
+    assert set(found.arm) == {"ceiling", "straight", "crawl"}
+    assert set(found.scenario) == {"pop_up"}
+    assert found.seed.max() == 9
+
+
+def test_every_table_is_a_function_of_rows():
+    tables = judge(MEASURED, PUBLISHED)
+    table = tables["survival"]
+    assert set(table[table.source == "published"].arm) == {"ceiling", "straight", "crawl"}
+    ppo = table[(table.arm == "ppo") & (table.scenario == "pop_up")].iloc[0]
+    assert (ppo.survived, ppo.episodes, ppo.article_claim) == (9, 10, 0.92)
+    beside = bounds(table, "pop_up")
+    assert beside["blind"].arm == "crawl"
+    assert beside["ceiling"].survival_rate == 1.0
+    assert "floor" not in beside
+    assert tables["survival_strict"].survived.tolist() == [0]
+    pairs = tables["paired"].set_index("arm_b")
+    assert (pairs.arm_a == "ppo").all()
+    assert (pairs.only_a["crawl"], pairs.only_b["crawl"], pairs.both["crawl"]) == (7, 0, 2)
+    again = judge(MEASURED.sample(frac=1, random_state=0), PUBLISHED.sample(frac=1, random_state=0))
+    for name in ("survival", "paired", "outcomes"):
+        pd.testing.assert_frame_equal(again[name].reset_index(drop=True), tables[name].reset_index(drop=True))
+
+
+def test_several_training_seeds_get_a_row_of_their_own():
+    trained = [("pop_up", "ppo", seed, "goal", {"training_seed": t}) for t in range(3) for seed in range(5)]
+    table = judge(rows(*trained), published_rows())["training_seeds"]
+    assert table.training_seeds.tolist() == [3]
+    assert table.survival_rate.tolist() == [1.0]
+
+
+def test_a_claim_is_beaten_only_by_the_exact_lower_bound_and_a_full_claim_only_by_no_failure():
+    def row(survived, episodes, claim):
+        wins = [("pop_up", "ppo", s, "goal" if s < survived else "timeout") for s in range(episodes)]
+        return judge(rows(*wins), published_rows())["survival"].assign(article_claim=claim).iloc[0]
+
+    assert beats_claim(row(50, 50, 0.92)) is True  # at least 92.9 %
+    assert beats_claim(row(48, 50, 0.92)) is False
+    assert beats_claim(row(10, 10, 1.0)) is True
+    assert beats_claim(row(9, 10, 1.0)) is False
+    assert beats_claim(row(9, 10, np.nan)) is None
+
+
+def test_the_report_names_bounds_claims_failures_and_published_arms():
+    tables = judge(MEASURED, PUBLISHED)
+    text = report(tables, "a command", [("low_light", "RuntimeError: dark")])
+    for part in (
+        "`low_light`: RuntimeError: dark",
+        "20 % crawl",
+        "92 %",
+        "published arms",
+        "2 contacts in all",
+    ):
+        assert part.lower() in text.lower(), part
+    assert len(survival_lines(tables["survival"])) == 2 + 3
+
+
+def test_tables_as_text_keep_columns_in_line_and_print_in_latex_as_they_are():
+    lines = markdown(("arm", "rate"), [("a_b", "9 %"), ("c", "100 %")])
+    assert len({len(line) for line in lines}) == 1
+    assert lines[1] == "| --- | ----: |"
+    text = latex(("arm", "rate"), [("a_b", "9 %")], "50 % & more", "x")
+    assert r"a\_b & 9 \% \\" in text
+    assert r"\caption{50 \% \& more}" in text
+    assert text.index(r"\toprule") < text.index(r"\midrule") < text.index(r"\bottomrule")
