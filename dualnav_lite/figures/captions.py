@@ -38,12 +38,12 @@ CAPTIONS = {
         "消融实验：相同训练预算，与默认设置（方块）对照；存活率与 95 % Wilson 区间。",
     ),
     "trajectories": (
-        "Paths of the first runs of each arm over the map of one room; crosses end in a contact.",
-        "各方案在同一房间地图上的轨迹；叉号表示以碰撞结束。",
+        "Paths of three arms through the same rooms, which are drawn as they stand when the policy arrives. Crosses end in a contact; the dashed frame is what the policy sees last.",
+        "三个方案在相同房间中的轨迹；房间按策略到达时的状态绘制。叉号表示以碰撞结束；虚线框为策略最后看到的范围。",
     ),
     "reward_terms": (
-        "Weighted reward terms over one run, with clearance and speed below.",
-        "一次运行中各加权奖励项随时间的变化，下方为间距与速度。",
+        "Weighted reward terms of one crossing, summed up from its start (linear between -1 and 1, logarithmic beyond); below, speed and clearance of the hull (cut at 1.5 m).",
+        "一次穿越中各加权奖励项自起点的累计值（-1 与 1 之间为线性，之外为对数）；下方为速度与机身间距（截于 1.5 m）。",
     ),
 }
 

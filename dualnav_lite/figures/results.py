@@ -135,7 +135,7 @@ def latency(words: Words, read: Read) -> Figure:
     """Wall-clock of each stage of a control step, and how many ticks the first answer to a pop-up takes."""
     table = read("latency")
     stages = table[table.stage != "response_ticks"]
-    sheet = Sheet(12.6, 5.2)
+    sheet = Sheet(12.6, 4.8)
     axes = sheet.axes(1.5, 0.5, 5.6, 3.4)
     y = np.arange(len(stages))
     for column, colour, marker in (
@@ -151,13 +151,13 @@ def latency(words: Words, read: Read) -> Figure:
     axes.grid(True, axis="x")
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     ticks = read("response_ticks")
-    right = sheet.axes(8.3, 0.5, 4.0, 3.4)
+    right = sheet.axes(8.1, 0.5, 4.2, 3.4)
     counts = ticks.ticks.clip(upper=20).value_counts(normalize=True).sort_index()
     right.bar(counts.index, 100 * counts.to_numpy(), color=COLOURS[0], width=0.8)
     right.axvline(2.5, color=COLOURS[3], linestyle=(0, (4, 2)), linewidth=2.0, label=words("article: 200 ms"))
     right.set(xlabel=words("ticks of 0.1 s until the command changes"), ylabel=words("share of runs [%]"))
     right.grid(True, axis="y")
-    right.legend(loc="upper right")
+    right.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return sheet.figure
 
 
@@ -176,6 +176,7 @@ def battery_hours(words: Words, read: Read) -> Figure:
     right.axhline(520, color=QUIET, linestyle=(0, (4, 2)), linewidth=1.6)
     right.set(xlabel=words("time [min]"), ylabel=words("goals reached"), xlim=(0, 180), ylim=(0, None))
     for axes in (left, right):
+        axes.set_xticks(range(0, 181, 30))
         axes.grid(True)
     handles, labels = left.get_legend_handles_labels()
     sheet.figure.legend(handles, labels, loc="lower center", ncols=len(labels), fontsize=SMALL)

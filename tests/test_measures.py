@@ -1,0 +1,213 @@
+"""Measurements on a few episodes: the columns of the contract, and what can be known beforehand."""
+
+import gzip
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dualnav_lite import deploy
+from dualnav_lite.adversary import PERTURBATIONS, Perturbed, failure_search, search
+from dualnav_lite.config import Config, UnusableInput
+from dualnav_lite.encoder import BANDS, read_bands
+from dualnav_lite.episodes import SEEDS
+from dualnav_lite.evaluate import library_arm
+from dualnav_lite.figures.captions import CAPTIONS
+from dualnav_lite.figures.results import RESULTS, make_result_figures
+from dualnav_lite.intervention import with_charge
+from dualnav_lite.latency import LATENCY_COLUMNS, STAGES, first_answer
+from dualnav_lite.measures import MEASURES, Options, run
+from dualnav_lite.publish import blocks, publish
+from dualnav_lite.reference import made_from, published_rows
+from dualnav_lite.survival import survived
+from dualnav_lite.sweep import VALUES, knob
+
+TUNING = SEEDS["tuning"].start
+
+
+def options(out, **more):
+    return Options(out=out, seed_base=TUNING, **({"episodes": 2} | more))
+
+
+def test_the_sweep_gives_each_arm_eleven_points_and_the_knob_stands_in_preference(tmp_path):
+    tables = run("front", options(tmp_path, episodes=1, arms=["astar"], scenarios=["pop_up"]))
+    points = tables["pareto"]
+    assert len(points) == VALUES
+    assert points.preference.tolist() == pytest.approx(np.linspace(0, 1, VALUES))
+    assert set(points.arm) == {"astar"}
+    assert (tmp_path / "front.csv").exists()
+    assert knob("astar", 0.5) == "astar@max_speed=0.525"
+    with pytest.raises(UnusableInput, match="turns the knob itself"):
+        run("front", options(tmp_path, arms=["astar@max_speed=0.5"]))
+
+
+def test_the_battery_band_alone_is_changed():
+    observations = np.random.default_rng(0).random((2, 4, 64, 64)).astype(np.float32)
+    band = BANDS.index("battery")
+    changed = with_charge(observations, 0.15)
+    assert read_bands(changed)[:, band] == pytest.approx(0.15)
+    differs = np.abs(changed - observations) > 0
+    assert differs[:, [0, 1, 3]].sum() == 0
+    rows = np.flatnonzero(differs.any(axis=(0, 1, 3)))
+    assert len(rows) <= 8
+    assert (np.delete(read_bands(changed), band, 1) == np.delete(read_bands(observations), band, 1)).all()
+
+
+def test_the_intervention_compares_the_same_states_and_seeds(tmp_path):
+    table = run("intervention", options(tmp_path, scenarios=["crowd_crossing"]))["intervention"]
+    assert (table.low <= table.difference).all()
+    assert (table.difference <= table.high).all()
+    assert table.difference.to_numpy() == pytest.approx((table.at_15 - table.at_100).to_numpy())
+    assert len(table) == 6
+
+
+def test_latency_has_its_stages_and_a_blind_driver_never_answers(tmp_path):
+    tables = run("latency", options(tmp_path, arms=["ppo"]))
+    assert list(tables["latency"]) == LATENCY_COLUMNS
+    assert tables["latency"].stage.tolist() == [*STAGES, "response_ticks"]
+    stages = tables["latency"][tables["latency"].stage != "response_ticks"]
+    assert (stages.p50_ms > 0).all()
+    assert (stages.p50_ms <= stages.p99_ms).all()
+    assert (tables["response_ticks"].ticks >= 1).all()
+    _, _, seen, answered, ticks = first_answer("straight", TUNING)
+    assert seen > 0
+    assert np.isnan([answered, ticks]).all()
+
+
+def test_commands_are_changed_within_bounds_and_the_hardware_s_limits():
+    config = Config()
+    driver = library_arm("straight", config)
+    assert not Perturbed(driver, (1.0, 0.0, 1.0), config).needs_truth
+    infos = [{"goal_robot": np.array([3.0, 0.1])}, {"goal_robot": np.array([0.0, 2.0])}]
+    plain = driver.act(None, infos)
+    assert Perturbed(driver, (1.0, 0.0, 1.0), config).act(None, infos) == pytest.approx(plain)
+    slower = Perturbed(driver, (0.7, -0.05, 1.15), config).act(None, infos)
+    assert slower[0] == pytest.approx([0.7 * 0.8 - 0.05, 1.15 * plain[0, 1]])
+    assert slower[1, 0] == 0.0  # a robot that turns in place is not pushed forward
+    assert abs(slower[1, 1]) <= 1.2
+    assert all(low < high for low, high in PERTURBATIONS.values())
+
+
+@pytest.mark.parametrize("method", ["evolution", "random"])
+def test_a_search_keeps_its_budget_and_finds_a_valley(method):
+    seen = []
+
+    def loss(x):
+        seen.append(np.sum((np.asarray(x) - 0.3) ** 2))
+        return seen[-1]
+
+    search(loss, [(0, 1), (0, 1)], 60, 0, method)
+    assert 40 <= len(seen) <= 60
+    assert min(seen) < 0.05
+
+
+def test_failures_are_searched_and_run_again_on_fresh_seeds(tmp_path):
+    table = failure_search(options(tmp_path, arms=["straight"], scenarios=["crowd_crossing"], episodes=10))
+    assert table.method.tolist() == ["evolution", "random"]
+    assert (table.failures <= table.episodes).all()
+    assert (table.fresh_episodes == 10).all()
+    assert table.default_failures_on_fresh.iloc[0] >= 8  # `straight` crosses no crowd
+
+
+def test_an_unknown_measurement_is_named_with_the_known_ones(tmp_path):
+    with pytest.raises(UnusableInput, match=f"unknown measurement 'fronts'; known: {', '.join(MEASURES)}"):
+        run("fronts", options(tmp_path))
+
+
+def test_ablations_need_the_default_that_they_are_held_against(tmp_path, monkeypatch):
+    monkeypatch.setattr(deploy, "MODEL_FOLDER", tmp_path)
+    with pytest.raises(UnusableInput, match="ablation_default"):
+        run("ablations", options(tmp_path))
+
+
+def test_published_rows_come_back_with_what_made_them(tmp_path, monkeypatch):
+    from dualnav_lite import publish as module
+
+    small = {"main": (["straight"], ["pop_up"], 2), "rest": (["stand_still"], ["pop_up"], 1)}
+    monkeypatch.setattr(module, "blocks", lambda share: small)
+    rows = publish(tmp_path / "work", tmp_path / "to", command="a command")
+    assert len(rows) == 3
+    again = published_rows(tmp_path / "to")
+    pd.testing.assert_frame_equal(again, rows, check_dtype=False)
+    made = made_from(tmp_path / "to")
+    assert made["command"] == "a command"
+    assert set(made) >= {"commit", "config", "cpu_flags", "policy_sha256", "code_sha256"}
+    first = (tmp_path / "to" / "episodes.csv.gz").read_bytes()
+    publish(tmp_path / "work", tmp_path / "to", command="a command")
+    assert (tmp_path / "to" / "episodes.csv.gz").read_bytes() == first
+    assert gzip.decompress(first).startswith(b"scenario,arm,")
+    with pytest.raises(UnusableInput, match="unknown block"):
+        publish(tmp_path / "work", tmp_path / "to", only=["all"])
+    assert {name: count for name, (_, _, count) in blocks().items()}["main"] == 1000
+
+
+@pytest.mark.slow
+def test_published_rows_run_again_are_the_same_outcomes(tmp_path):
+    from dualnav_lite.evaluate import evaluate
+    from dualnav_lite.publish import cpu_flags
+
+    rows = published_rows()
+    rows = rows[(rows.arm == "ppo") & (rows.seed < SEEDS["test"].start + 50)]
+    rows = rows[rows.scenario.isin(["pop_up", "crowd_crossing", "low_light", "comms_dropout"])]
+    if rows.empty:
+        pytest.skip("nothing is published yet")
+    again = evaluate(["ppo"], sorted(rows.scenario.unique()), sorted(rows.seed.unique()), tmp_path, progress=False)
+    both = rows.merge(again, on=["scenario", "seed"], suffixes=("", "_again"))
+    assert len(both) == len(rows)
+    assert (both.outcome == both.outcome_again).mean() >= 0.95
+    if made_from().get("cpu_flags") == cpu_flags():
+        assert (both.outcome == both.outcome_again).all()
+        assert (both.energy_j == both.energy_j_again).all()
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory):
+    """A folder with small tables for every figure that is drawn from one."""
+    folder, noise = tmp_path_factory.mktemp("表 格"), np.random.default_rng(0)
+    from dualnav_lite.episodes import COLUMNS
+    from dualnav_lite.judge import csv_text
+    from dualnav_lite.pareto import pareto, pareto_episodes
+    from dualnav_lite.survival import rows_of, survival
+
+    episodes = []
+    for arm in ("ppo", "cv_sampling", "ceiling", "straight", "ablation_default", "ablation_cache_off"):
+        for scenario in ("pop_up", "crowd_crossing"):
+            for seed in range(12):
+                row = dict.fromkeys(COLUMNS) | {"scenario": scenario, "arm": arm, "seed": seed, "preference": 0.5}
+                row |= {"outcome": "goal" if seed > 2 else "hit_box", "steps": 9, "path_m": 4.0}
+                episodes.append(row | {"min_clearance_m": noise.uniform(0, 0.6), "energy_j": noise.uniform(150, 400)})
+    rows = rows_of(episodes)
+    main = rows[~rows.arm.str.startswith("ablation")]
+    made = {
+        "survival": survival(main),
+        "ablations": survival(rows[rows.arm.str.startswith("ablation")]),
+        "pareto": pareto(main),
+        "pareto_episodes": pareto_episodes(main),
+        "latency": pd.DataFrame([[stage, 0.1, 0.2, 0.4, 9] for stage in STAGES], columns=LATENCY_COLUMNS),
+        "response_ticks": pd.DataFrame({"ticks": [1, 2, 2, 8, np.nan]}),
+        "battery_trace": pd.DataFrame({"arm": "ppo", "time_s": [0, 10800], "battery": [1, 0.2], "goals": [0, 540]}),
+    }
+    for name, table in made.items():
+        (folder / f"{name}.csv").write_text(csv_text(table), encoding="utf-8")
+    assert survived(main).any()
+    return folder
+
+
+def test_every_figure_is_drawn_from_its_table_in_every_format_with_a_caption(tables):
+    names = [name for name, (needed, _) in RESULTS.items() if needed]
+    written = make_result_figures(tables, "en", ("png", "svg", "pdf"), names)
+    assert len(written) == 3 * len(names)
+    assert all(path.stat().st_size > 2000 for path in written)
+    captions = (tables / "figures" / "captions.md").read_text(encoding="utf-8")
+    assert all(f"**{name}.**" in captions for name in names)
+    assert set(RESULTS) == set(CAPTIONS)
+    first = [path.read_bytes() for path in written]
+    again = make_result_figures(tables, "en", ("png", "svg", "pdf"), names)
+    assert [path.read_bytes() for path in again] == first
+
+
+def test_a_figure_without_its_table_is_named(tmp_path):
+    with pytest.raises(UnusableInput, match=r"needs latency\.csv"):
+        make_result_figures(tmp_path, names=["latency"], reference=tmp_path)
+    with pytest.raises(UnusableInput, match="unknown figure of results 'front'; known: survival"):
+        make_result_figures(tmp_path, names=["front"])
