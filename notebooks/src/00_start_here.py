@@ -33,13 +33,13 @@ from dualnav_lite.planners import make_planner
 
 # %%
 commands = [  # v [m/s], omega [rad/s], for so many seconds
-    (0.0, 1.0, 2.8),
+    (0.0, -1.0, 3.0),
     (0.6, 0.0, 14.0),
 ]
 
 
 # %%
-def drive(choose, scenario="navigation", seed=37, config=None, until_s=np.inf, film=False):
+def drive(choose, scenario="navigation", seed=207, config=None, until_s=np.inf, film=False):
     """Drive an episode: `choose(observation, info)` gives v and omega, or None to stop there."""
     env = DynamicNavEnv(config=config, scenario=scenario, render_mode="rgb_array")
     observation, info = env.reset(seed=seed)
@@ -96,14 +96,14 @@ def show(run):
 steps = iter([(v, omega) for v, omega, seconds in commands for _ in range(round(seconds / 0.1))])
 mine = drive(lambda observation, info: next(steps, None))
 show(mine)
-# expect: hit_person after 9.1 s: safe distance 0.00 m, energy 148 J
+# expect: hit_person after 6.7 s: safe distance 0.00 m, energy 107 J
 
 # %% [markdown]
 # On the left the room: the robot with its trail, the lidar's hits in red, the goal in green, the way to it in dots.
 # On the right what a policy gets to see, nothing else.
 #
-# Turn for 2.9 s in place of 2.8 and it arrives, 0.11 m from somebody, for 179 J. Then put `(0.0, 0.0, 2.0)` first, to
-# wait: 0.20 m, 189 J. Nine centimetres for ten joules; that is the trade this kit is about.
+# Turn for 3.1 s in place of 3.0 and it arrives, 0.07 m from somebody, for 209 J. Then put `(0.0, 0.0, 2.0)` first, to
+# wait: 0.20 m, 219 J. Thirteen centimetres for ten joules; that is the trade this kit is about.
 #
 # ## 2. Let a planner drive
 #
@@ -119,16 +119,16 @@ def planned(arm, config=None):
 
 astar = drive(planned("astar"), film=not quick)
 show(astar)
-# expect: goal after 9.7 s: safe distance 0.03 m, energy 220 J
+# expect: goal after 9.7 s: safe distance 0.10 m, energy 241 J
 
 # %% [markdown]
-# It passed somebody at 3 cm, since its map shows where people *are*. Another planner, `cv_sampling`, tries 99
+# It passed somebody at 10 cm, since its map shows where people *are*. Another planner, `cv_sampling`, tries 99
 # commands ten times a second and assumes that everything that moves goes straight on. Who is safer, who is cheaper?
 
 # %%
 sampling = drive(planned("cv_sampling"))
 show(sampling)
-# expect: goal after 9.2 s: safe distance 0.25 m, energy 260 J
+# expect: goal after 9.1 s: safe distance 0.27 m, energy 243 J
 
 # %%
 columns = ["outcome", "time_s", "path_m", "min_clearance_m", "mean_clearance_m", "energy_j"]
@@ -192,5 +192,5 @@ speeds
 # ## Change this one line and look
 #
 # - `commands` in part 1: bring the robot to the goal yourself, by hand. Can you beat the planner in joules?
-# - `seed=37` in `drive`: another room.
+# - `seed=207` in `drive`: another room.
 # - `"crowd_crossing"` in part 3: `"pop_up"`, `"low_light"`, `"crowd_reactive"`.
