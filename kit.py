@@ -19,6 +19,7 @@ usage: python kit.py COMMAND [options]        python kit.py COMMAND --help
   notebooks   rebuild the notebooks from their sources; --check; --take-back NN
   release     the student version of the kit, in a new folder
   status      which exercises pass, and whose part is used for each
+  submit      a student's own check and pack: the folder that is handed in
   doctor      what works on this machine
   warm        compile the kernels now
 
@@ -51,7 +52,7 @@ SIMULATES = (
     "bench",
     "figures",
 )
-COMMANDS = SIMULATES + ("claims", "card", "notebooks", "release", "status", "doctor", "warm")
+COMMANDS = SIMULATES + ("claims", "card", "notebooks", "release", "status", "submit", "doctor", "warm")
 
 
 def say(text):

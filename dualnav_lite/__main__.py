@@ -89,12 +89,19 @@ def stress(
     shard: Shard = "1/1",
     cluster: Cluster = "",
     preference: Preference = 0.5,
+    parts: Annotated[
+        Path | None, typer.Option(help="Folder of `status --export`: your encoder, rewards, policy.")
+    ] = None,
     out: Results = None,
 ) -> int:
     """The stress scenarios through papermill; prints who survived. Stopped, the same command goes on."""
     from dualnav_lite.pace import estimate
     from dualnav_lite.stress import run_stress
 
+    if parts:
+        from dualnav_lite.parts import arms_with_parts
+
+        arms = ",".join(arms_with_parts(parts, words(arms) if arms else []))
     plan = stress_plan(arms, episodes, long_runs, quick, seed_base, jobs, shard, cluster, preference, out)
     if arms == "all":
         print(estimate(plan), file=sys.stderr, flush=True)
@@ -373,6 +380,25 @@ def status(
     if export:
         found = parts.export_parts(folder, export)
         print(f"{sum(one.is_yours for one in found.values())} of your parts: {export}")
+    return 0
+
+
+@app.command()
+def submit(
+    student: Annotated[str, typer.Argument(help="Your id, as your teacher knows it.")],
+    folder: Annotated[Path, typer.Option(help="Folder with your notebooks.")] = Path("notebooks"),
+    out: Annotated[Path | None, typer.Option(help="submission_STUDENT if not given.")] = None,
+    episodes: Annotated[int, typer.Option(min=0, help="Runs of each scenario; 0 leaves them out.")] = 50,
+) -> int:
+    """Check your notebooks, drive your policy a little, and pack the folder that is handed in."""
+    from dualnav_lite import submission
+
+    if not folder.is_dir():
+        raise UnusableInput(f"{folder}: no such folder")
+    target = submission.pack(folder, student, out or Path(f"submission_{student}"))
+    if episodes:
+        submission.try_out(folder, target, episodes)
+    print(f"hand in this folder: {target}")
     return 0
 
 

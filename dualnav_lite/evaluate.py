@@ -25,6 +25,7 @@ from dualnav_lite.scenario import Scenario, load_scenario
 from dualnav_lite.survival import read_episodes
 from dualnav_lite.workers import pool
 
+PARTS_MARK = "::"  # between an arm and the folder of a student's parts
 CHUNK_EPISODES = 50
 CHUNK_LONG_RUNS = 5  # a three-hour run is as long as 700 short ones
 KEY = ("scenario", "arm", "training_seed", "preference", "seed")  # order of the rows in `episodes.csv`
@@ -170,7 +171,18 @@ def _chunk_csv(chunk, *settings) -> tuple[Chunk, bytes]:
 
 
 def library_arm(arm_id: str, config: Config):
-    """A planner, or a trained policy (`deploy.make_driver`): torch is imported for those alone."""
+    """A planner, or a trained policy (`deploy.make_driver`): torch is imported for those alone.
+
+    `ARM::FOLDER` is that arm in worlds with a student's encoder and rewards (`status --export` writes the folder).
+    """
+    base, mark, folder = arm_id.partition(PARTS_MARK)
+    if mark:
+        from dualnav_lite.parts import fingerprint_of, load_parts
+
+        driver = library_arm(base, config)
+        driver.parts = load_parts(folder)
+        driver.fingerprint = sha256(getattr(driver, "fingerprint", "") + fingerprint_of(folder))
+        return driver
     if arm_id.partition("@")[0] in ARMS:
         return library_planner(arm_id, config)
     from dualnav_lite.deploy import make_driver
@@ -182,8 +194,16 @@ def library_env(num_envs: int, config: Config, scenario: Scenario, planner) -> D
     """The worlds a planner is run in, with the privileges that it declares and the settings it was trained under."""
     if hasattr(planner, "own_config"):
         config = planner.own_config(config)
+    parts = getattr(planner, "parts", {})
     return DynamicNavVectorEnv(
-        num_envs, config, scenario, truth=planner.needs_truth, full_map=planner.needs_full_map, autoreset=False
+        num_envs,
+        config,
+        scenario,
+        truth=planner.needs_truth,
+        full_map=planner.needs_full_map,
+        encoder=parts.get("encode_state"),
+        reward_function=parts.get("reward_terms"),
+        autoreset=False,
     )
 
 

@@ -1,11 +1,12 @@
 """A student's parts: taken from the solution cells of the notebooks, used where they pass, the library's elsewhere."""
 
 import contextlib
+import hashlib
 import io
 import json
 import sys
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,8 +15,10 @@ import nbformat
 from dualnav_lite.check import LESSONS, judge, lesson_of, reference
 from dualnav_lite.check.verdict import NotDone, Text, language_of
 from dualnav_lite.config import UnusableInput, write_atomic
+from dualnav_lite.evaluate import PARTS_MARK
 
 SUMMARY = "parts.json"
+POLICY = "ppo_actor.onnx"  # what lesson 11 exports into `weights/`
 STATES = {
     "passed": Text("passed", "通过"),
     "wrong": Text("not right yet", "还不对"),
@@ -135,7 +138,7 @@ def _summary(parts: dict[str, Part]) -> str:
 
 
 def export_parts(notebooks: str | Path, out: str | Path) -> dict[str, Part]:
-    """Write what passes as `<lesson>.py` (given cells, then the student's functions), and `parts.json` beside them.
+    """Write what passes as `<lesson>.py` (given cells, then the student's functions), the policy, and `parts.json`.
 
     Args:
         notebooks: folder with the lessons' notebooks.
@@ -154,6 +157,9 @@ def export_parts(notebooks: str | Path, out: str | Path) -> dict[str, Part]:
             write_atomic(Path(out) / f"{lesson}.py", "\n\n\n".join(kept) + "\n")
     if all(one.state == "no notebook" for one in found.values()):
         raise UnusableInput(f"{notebooks}: no lesson of the course lies there")
+    policy = Path(notebooks) / "weights" / POLICY
+    if policy.exists():
+        write_atomic(Path(out) / POLICY, policy.read_bytes())
     write_atomic(Path(out) / SUMMARY, _summary(found))
     return found
 
@@ -175,3 +181,20 @@ def load_parts(folder: str | Path) -> dict[str, Callable]:
     if not found:
         raise UnusableInput(f"{folder}: none of its parts passes its check")
     return found
+
+
+def fingerprint_of(folder: str | Path) -> str:
+    """One hash of the functions in an export, so that rows of other parts are never taken for these."""
+    content = [path.read_text(encoding="utf-8") for path in sorted(Path(folder).glob("*.py"))]
+    return hashlib.sha256("\n".join(content).encode("utf-8")).hexdigest()
+
+
+def arms_with_parts(folder: str | Path, arms: Sequence[str] = ()) -> list[str]:
+    """Arm ids that drive in worlds with the student's parts: of some arms, else of the student's policy.
+
+    The policy is `ppo_actor.onnx` of the folder (lesson 11); where there is none, the shipped one.
+    """
+    folder = Path(folder).resolve()
+    load_parts(folder)  # a folder that is none ends here, not in a notebook
+    policy = folder / POLICY
+    return [f"{arm}{PARTS_MARK}{folder}" for arm in arms or [str(policy) if policy.exists() else "ppo"]]

@@ -6,13 +6,15 @@ import nbformat
 import numpy as np
 import pytest
 
-from dualnav_lite import course, notebooks, parts
+from dualnav_lite import course, notebooks, parts, submission
 from dualnav_lite.check import LESSONS
-from dualnav_lite.config import UnusableInput
+from dualnav_lite.config import Config, UnusableInput
+from dualnav_lite.evaluate import evaluate, library_arm
 from dualnav_lite.exercises import BEGIN, stub, student_notebook
 from dualnav_lite.notebooks import ROOT
 
 LESSON_FILES = [ROOT / "notebooks" / f"{lesson}.ipynb" for lesson in LESSONS]
+LESSONS_ORDER = list(LESSONS)
 IDS = [exercise for ids in LESSONS.values() for exercise in ids]
 
 
@@ -81,6 +83,25 @@ def test_export_holds_what_passes_and_can_be_loaded_again(tmp_path, capsys):
     assert list(loaded) == ["safe"]
     np.testing.assert_allclose(loaded["safe"](np.array([0.1, 1.0])), [-0.4, 0.0])
     assert sorted(path.name for path in out.iterdir()) == ["07_rewards.py", "parts.json"]
+
+
+def test_an_arm_drives_in_worlds_with_the_students_parts(tmp_path):
+    course.write_lessons(tmp_path)
+    lesson = tmp_path / "07_rewards.ipynb"
+    worked = {cell.id: cell.source for cell in nbformat.read(LESSON_FILES[LESSONS_ORDER.index("07_rewards")], 4).cells}
+    for exercise in ("safe", "goal", "reward_terms"):
+        solve(lesson, exercise, worked[exercise])
+    parts.export_parts(tmp_path, tmp_path / "我的 部件")
+    (arm,) = parts.arms_with_parts(tmp_path / "我的 部件", ["stand_still"])
+    both = evaluate([arm, "stand_still"], ["navigation"], range(1_000_000, 1_000_002), tmp_path / "out", progress=False)
+    is_mine = both.arm.str.startswith("stand_still::")
+    mine, librarys = both[is_mine], both[~is_mine]
+    assert len(mine) == len(librarys) == 2
+    columns = [name for name in both.columns if name.startswith("r_")]
+    np.testing.assert_allclose(mine[columns].to_numpy(float), librarys[columns].to_numpy(float), rtol=1e-6)
+    assert library_arm(arm, Config()).fingerprint != getattr(library_arm("stand_still", Config()), "fingerprint", "")
+    with pytest.raises(UnusableInput, match=r"parts\.json"):
+        parts.arms_with_parts(tmp_path, ["stand_still"])
 
 
 def test_a_cell_that_raises_costs_only_its_own_exercise(tmp_path):
@@ -174,3 +195,35 @@ def test_nbgraders_own_preprocessors_accept_the_worked_notebooks():
                 assert left[cell.id].count("NotImplementedError") == cell.source.count("NotImplementedError")
             else:
                 assert left[cell.id] == cell.source
+
+
+def test_a_submission_holds_notebooks_weights_and_a_manifest(tmp_path):
+    course.write_lessons(tmp_path / "课程")
+    (tmp_path / "课程" / "weights").mkdir()
+    (tmp_path / "课程" / "weights" / "extra.onnx").write_bytes(b"weights")
+    said = []
+    out = submission.pack(tmp_path / "课程", "s-01", tmp_path / "out", said.append)
+    manifest = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["student_id"] == "s-01"
+    assert set(manifest["checks"]) == set(IDS)
+    found = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
+    assert found == {*(f"{lesson}.ipynb" for lesson in LESSONS), "weights/extra.onnx", "manifest.json"}
+    assert set(manifest["files"]) == found - {"manifest.json"}
+    assert f"07_rewards: 0 of {len(LESSONS['07_rewards'])} exercises pass" in said
+    (tmp_path / "课程" / "weights" / "extra.onnx").unlink()
+    submission.pack(tmp_path / "课程", "s-01", out, said.append)
+    assert not (out / "weights" / "extra.onnx").exists()
+    submission.try_out(tmp_path / "课程", out, 1, said.append)
+    assert "left out" in said[-1]
+
+
+@pytest.mark.parametrize("student", ["", "../x", "a b", "x" * 65])
+def test_an_id_that_is_no_id_is_refused(tmp_path, student):
+    with pytest.raises(UnusableInput, match="student id"):
+        submission.pack(ROOT / "notebooks", student, tmp_path / "out")
+
+
+def test_a_submission_overwrites_nothing_else(tmp_path):
+    (tmp_path / "mine.txt").write_text("work", encoding="utf-8")
+    with pytest.raises(UnusableInput, match="no submission"):
+        submission.pack(ROOT / "notebooks", "s-01", tmp_path)

@@ -10,7 +10,12 @@ __all__ = ["LESSONS", "NotYet", "check", "judge", "lesson_of", "reference"]
 
 # Exercises by lesson. `check/<name>.py`, without the lesson's number, holds `CHECKS` and `REFERENCES` for its ids.
 LESSONS: dict[str, tuple[str, ...]] = {
+    "06_encoder": ("paint_bands", "project_intensity", "encode_state"),
     "07_rewards": ("safe", "goal", "reward_terms", "reward_weights"),
+    "08_environment": ("closed_loop",),
+    "09_rollout_and_gae": ("gae",),
+    "10_ppo": ("policy_loss", "value_loss", "update"),
+    "12_two_objectives": ("pareto_front",),
 }
 PASSED = Text("{id}: passed, {n} properties hold", "{id}：通过，{n} 条性质成立")
 FAILED = Text("{id}: not yet", "{id}：还不对")

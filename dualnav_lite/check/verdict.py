@@ -55,6 +55,7 @@ MEANINGS = {
         "`if` 只能判断一个数，数组里有很多个：请用 `np.where` 或 `np.clip`",
     ),
     "positional argument": Text("keep the arguments as the exercise gave them", "请保持练习给出的参数不变"),
+    "out of bounds": Text("leave out what lies beyond the array", "超出数组范围的要去掉"),
     "is not defined": Text("run the cells above first", "请先运行上面的单元"),
 }
 SHAPE = Text("the shape or the kind of the answer is another one", "结果的形状或类型不对")
@@ -136,6 +137,8 @@ def call(claim: Text, mine: Callable, given: Mapping[str, Any]) -> Any:
         if str(error).startswith("exercise "):
             raise NotDone from None
         raise Wrong(claim, shown(given), RAISED, f"NotImplementedError: {error}") from None
+    except Wrong:
+        raise
     except Exception as error:
         hint = next((text for words, text in MEANINGS.items() if words in str(error)), None)
         raise Wrong(claim, shown(given), RAISED, f"{type(error).__name__}: {error}", hint) from None

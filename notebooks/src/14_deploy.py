@@ -1,0 +1,149 @@
+# %% [markdown]
+# # 14 Deploy: from a network to a robot
+#
+# **Aim**: export a policy in two formats, prove that they say the same, and measure how long a command takes.
+#
+# **Time**: 25 minutes for you, 20 seconds of CPU. **Number to expect**: the two exports differ by less than **0.00001**,
+# and each file is smaller than 8 MB.
+#
+# The policy here is *untrained* unless you have one of your own from lesson 11. Formats and latency do not care; it drives
+# accordingly.
+
+# %% tags=["parameters"]
+quick = False  # the tests run this notebook with fewer repetitions
+
+# %%
+import time
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+import torch
+
+from dualnav_lite.config import Config
+from dualnav_lite.deploy import EmbeddedPolicy, card_of, export
+from dualnav_lite.encoder import encode_state as library_encoder
+from dualnav_lite.figures.lesson import BLUE, GREEN, ORANGE, drive, lesson_style
+from dualnav_lite.parts import part
+from dualnav_lite.policy import make_actor
+
+torch.set_num_threads(1)
+lesson_style()
+encode_state = part("encode_state")
+
+# %% [markdown]
+# ## 1. Export
+#
+# `.pth` holds weights alone, and needs the Python class around it. `.pt` (TorchScript) and `.onnx` hold the computation as
+# well: no Python class, no training code. The article saves `.pth` and then loads `.pt`.
+#
+# A *card* travels inside the files: which channels the policy was trained with, which guide. A policy that is fed another
+# channel than it knows falls apart without a word; the card turns that into an error.
+
+# %%
+config = Config()
+weights = Path("weights")
+if (weights / "ppo_actor.onnx").exists():
+    print("your policy of lesson 11")
+    paths = {ending: weights / f"ppo_actor.{ending}" for ending in ("pth", "pt", "onnx")}
+else:
+    print("an untrained policy")
+    torch.manual_seed(0)
+    actor = make_actor((4, 64, 64), "commands", [config.hardware.max_lin_vel, config.hardware.max_ang_vel])
+    paths = export(actor, card_of(actor, config, memory=0.5), weights, "untrained")
+print(", ".join(f"{ending} {path.stat().st_size / 1e6:.2f} MB" for ending, path in paths.items()))
+policies = {ending: EmbeddedPolicy(paths[ending], config) for ending in ("pt", "onnx")}
+policies["onnx"].card["observation"]
+
+# %% [markdown]
+# ## 2. Do they say the same?
+#
+# On images that the robot really sees, not on random ones.
+
+# %%
+states = []
+
+
+def kept(scans, poses, map_crop, ego):
+    """Your encoder, which keeps what it saw."""
+    states.append((scans, poses, map_crop, ego, encode_state(scans, poses, map_crop, ego)))
+    return states[-1][-1]
+
+
+def driver(policy):
+    """A chooser for `drive` that asks an exported policy."""
+    policy.reset(np.arange(1))
+    return lambda observation, info: policy.get_action(observation[None])
+
+
+run = drive(driver(policies["onnx"]), "crowd_crossing", seed=3, steps=20 if quick else 120, encoder=kept)
+images = np.stack([state[-1] for state in states])
+outputs = {ending: policy.output(images) for ending, policy in policies.items()}
+gap = float(np.abs(outputs["pt"] - outputs["onnx"]).max())
+print(f"{len(images)} images, largest difference {gap:.5f}")
+# expect: images, largest difference 0.00000
+
+# %% [markdown]
+# ## 3. How long does a command take?
+#
+# A mean hides what matters on a robot: the rare slow step. So read the 99th percentile (p99). The article adds *means* of
+# stages to 142 ms, and counts into it the 71 ms that the wheels need to settle, which is no computing at all.
+
+# %%
+def seconds_of(call, repeats):
+    """Time of each call [s], after a warm-up."""
+    for _ in range(3):
+        call(0)
+    found = []
+    for k in range(repeats):
+        begin = time.perf_counter()
+        call(k)
+        found.append(time.perf_counter() - begin)
+    return np.array(found)
+
+
+REPEATS = 60 if quick else 600
+stages = {
+    "your encoder": lambda k: encode_state(*states[k % len(states)][:4]),
+    "library's encoder": lambda k: library_encoder(*states[k % len(states)][:4]),
+    "TorchScript": lambda k: policies["pt"].output(images[k % len(images)][None]),
+    "ONNX Runtime": lambda k: policies["onnx"].output(images[k % len(images)][None]),
+}
+milliseconds = {name: 1000.0 * seconds_of(call, REPEATS) for name, call in stages.items()}
+latency = pd.DataFrame({name: np.percentile(one, [50, 95, 99]) for name, one in milliseconds.items()}).T
+latency.columns = ["p50 [ms]", "p95 [ms]", "p99 [ms]"]
+latency.round(3)
+
+# %%
+figure, axis = plt.subplots(figsize=(8, 2.6))
+place = np.arange(len(latency))
+for k, (name, colour) in enumerate(zip(latency.columns, (BLUE, GREEN, ORANGE), strict=True)):
+    axis.barh(place + 0.25 * (k - 1), latency[name], 0.25, color=colour, label=name)
+axis.set_yticks(place, latency.index)
+axis.set(xscale="log", xlabel="time for one command [ms]; a control step is 100 ms")
+axis.legend()
+plt.show()
+
+# %% [markdown]
+# On a laptop this is far below the 100 ms of a control step. What the robot's own computer needs must be measured there.
+#
+# ## 4. Wrong input must not drive
+#
+# A robot that acts on nonsense is worse than one that stops.
+
+# %%
+for text, wrong in (("three channels", images[:1, :3]), ("no batch axis", images[0])):
+    try:
+        policies["onnx"].output(wrong)
+    except ValueError as error:
+        print(f"{text}: {error}")
+
+# %% [markdown]
+# ## Change this one line and look
+#
+# - `images[k % len(images)][None]`: sixteen images at once. What does one cost then?
+# - `torch.set_num_threads(1)`: with 2, is a single command faster?
+# - `memory=0.5` in the card: with 0 each image is read alone. Does the robot tremble? (With a policy of your own.)
+#
+# Source: the article's 3.3 and 5.2; `dualnav_lite/deploy.py`.

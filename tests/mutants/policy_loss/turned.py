@@ -1,0 +1,8 @@
+# hint: new over old
+import torch
+
+
+def policy_loss(log_probs, old_log_probs, advantages, clip_range):
+    ratio = torch.exp(old_log_probs - log_probs)
+    clipped = torch.clamp(ratio, 1.0 - clip_range, 1.0 + clip_range)
+    return -torch.minimum(ratio * advantages, clipped * advantages).mean()

@@ -1,0 +1,3 @@
+# hint: not a sum
+def value_loss(values, returns):
+    return 0.5 * ((values - returns) ** 2).sum()
