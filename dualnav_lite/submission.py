@@ -79,7 +79,6 @@ def try_out(notebooks: str | Path, out: str | Path, episodes: int, say: Callable
     seeds = range(FIRST_SEED, FIRST_SEED + episodes)
     table = survival(evaluate(arms, list(SCENARIOS), seeds, folder / "results", progress=False))
     for row in table.itertuples():
-        say(
-            f"{row.scenario}: survived {row.survived} of {row.episodes}; "
-            f"expect {row.wilson_low:.0%} to {row.wilson_high:.0%}, clearance {row.mean_min_clearance_m:.2f} m, energy {row.mean_energy_j:.0f} J"
-        )
+        say(f"{row.scenario}: survived {row.survived} of {row.episodes}")
+        say(f"  a longer run finds {row.wilson_low:.0%} to {row.wilson_high:.0%} (95 %)")
+        say(f"  least clearance {row.mean_min_clearance_m:.2f} m, energy {row.mean_energy_j:.0f} J, means")
