@@ -1,5 +1,6 @@
 """Figures of results: each a pure function of the tables in a results folder, or else of the published ones."""
 
+import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -190,21 +191,22 @@ def ablations(words: Words, read: Read) -> Figure:
         list(dict.fromkeys(table.scenario)),
         sorted(table.arm.unique(), key=lambda a: (a != "ablation_default", a)),
     )
-    sheet = Sheet(12.6, 0.5 + 0.42 * len(arms) + 1.0)
+    sheet = Sheet(12.6, 0.9 + 0.42 * len(arms) + 1.0)
     width = 9.2 / len(names)
     for k, name in enumerate(names):
-        axes = sheet.axes(3.1 + width * k, 0.5, width - 0.25, 0.42 * len(arms))
+        axes = sheet.axes(3.1 + width * k, 0.9, width - 0.25, 0.42 * len(arms))
         for y, arm in enumerate(arms):
             for one in table[(table.scenario == name) & (table.arm == arm)].itertuples():
                 colour = COLOURS[1] if arm == "ablation_default" else COLOURS[0]
                 axes.plot([one.wilson_low, one.wilson_high], [y, y], color=colour, linewidth=2.0)
                 axes.plot(one.survival_rate, y, "s" if arm == "ablation_default" else "o", color=colour, markersize=7)
-        axes.set_title(words.title(all_scenarios()[name]), fontsize=SMALL, loc="left", fontweight="normal")
+        title = textwrap.fill(words.title(all_scenarios()[name]), 14)  # five panels leave each little room
+        axes.set_title(title, fontsize=SMALL, loc="left", fontweight="normal")
         axes.set(xlim=(0, 1.02), ylim=(len(arms) - 0.4, -0.6))
         axes.set_xticks([0, 0.5, 1], ["0", "50", "100"])
         axes.set_yticks(range(len(arms)), [a.removeprefix("ablation_") for a in arms] if k == 0 else [])
         axes.grid(True, axis="x")
-    sheet.text(5.2, 0.42 * len(arms) + 1.3, words("survived, 95 % interval [%]"))
+    sheet.text(5.2, 0.42 * len(arms) + 1.7, words("survived, 95 % interval [%]"))
     return sheet.figure
 
 
