@@ -13,12 +13,12 @@ from dualnav_lite.config import Config
 from dualnav_lite.env import DynamicNavEnv
 from dualnav_lite.planners import make_planner
 
-BLUE, ORANGE, RED, GREEN, PURPLE, GREY = "#3b8fd0", "#e08a00", "#e0603a", "#22a37c", "#b877a8", "#8a8f96"
+BLUE, ORANGE, RED, GREEN, PURPLE, GREY = "#3b8fd0", "#e08a00", "#e0603a", "#22a37c", "#b877a8", "#74797f"
 COLOURS = (BLUE, ORANGE, RED, GREEN, PURPLE)
 
 
 def lesson_style() -> None:
-    """Set matplotlib so that a figure reads on a white and on a black page: no background, lines of middle grey."""
+    """Set matplotlib so that a figure reads on a white and on a black page: lines of middle grey, dark enough for Jupyter to put a light card behind."""
     grey = {name: GREY for name in ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color")}
     clear = {name: "none" for name in ("figure.facecolor", "axes.facecolor", "savefig.facecolor", "legend.facecolor")}
     shape: dict[Any, Any] = {
