@@ -18,7 +18,7 @@ COLOURS = (BLUE, ORANGE, RED, GREEN, PURPLE)
 
 
 def lesson_style() -> None:
-    """Set matplotlib so that a figure reads on a white and on a black page: lines of middle grey, dark enough for Jupyter to put a light card behind."""
+    """Set matplotlib for both themes: lines of a grey dark enough for Jupyter to put a light card behind."""
     grey = {name: GREY for name in ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color")}
     clear = {name: "none" for name in ("figure.facecolor", "axes.facecolor", "savefig.facecolor", "legend.facecolor")}
     shape: dict[Any, Any] = {
