@@ -208,7 +208,11 @@ def _with_dispatched_goals(rng, layout: Layout, scenario: Scenario, keep: float)
     goals = [layout.goals[0]]
     for _ in range(round(settings.duration_s / settings.period_s) - 1):
         # A length is drawn first, then a place so far away: drawn among all places, large rooms would cost more energy.
-        off = np.abs(np.hypot(*(points - goals[-1]).T) - draw(rng, distance))
+        gap = np.hypot(*(points - goals[-1]).T)
+        is_apart = (gap >= distance.low) & (gap <= distance.high)
+        if not is_apart.any():
+            return None
+        off = np.where(is_apart, np.abs(gap - draw(rng, distance)), np.inf)
         near = np.flatnonzero(off <= off.min() + 0.25)
         goals.append(points[near[rng.integers(len(near))]])
     return replace(layout, goals=np.array(goals), time_limit_s=settings.duration_s, charge=scenario.start_charge.high)

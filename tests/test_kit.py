@@ -233,7 +233,15 @@ def test_every_command_explains_itself(capsys):
 def test_ctrl_c_ends_in_one_line_and_the_same_command_goes_on(tmp_path):
     command = [sys.executable, "-m", "dualnav_lite", "evaluate", "stand_still", "--jobs", "1"]
     command += ["--episodes", "155", "--out", str(tmp_path)]
-    running = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, encoding="utf-8", start_new_session=True)
+    # A shell starts its background jobs deaf to Ctrl-C, and they hand that on to theirs.
+    running = subprocess.Popen(
+        command,
+        cwd=ROOT,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
     deadline = time.monotonic() + 120
     while not list(tmp_path.glob("chunks/*.csv")) and time.monotonic() < deadline:
         time.sleep(0.05)
