@@ -24,7 +24,14 @@ def streets(quick: bool, save) -> pd.DataFrame:
     return front_table(10, (0,), 2_000, save) if quick else front_table(on_row=save)
 
 
-TABLES: dict[str, Callable] = {"crowdnav": crowdnav, "streets": streets}
+def onboard(quick: bool, save) -> pd.DataFrame:
+    """The policy in a folder without the simulator: frames a second of one thread, on a recorded log (a minute)."""
+    from dualnav_lite.onboard import onboard_table
+
+    return onboard_table(20 if quick else 300)
+
+
+TABLES: dict[str, Callable] = {"crowdnav": crowdnav, "streets": streets, "onboard": onboard}
 
 
 def run(name: str, out: str | Path, quick: bool = False) -> pd.DataFrame:

@@ -1,7 +1,6 @@
 """A trained policy as files that need no training code: TorchScript and ONNX, and the driver that runs them."""
 
 import contextlib
-import hashlib
 import io
 import json
 import logging
@@ -12,15 +11,14 @@ from typing import Any
 
 import numpy as np
 import onnx
-import onnxruntime
 import torch
 from torch import nn
 
-from dualnav_lite import __version__
+from dualnav_lite import __version__, embedded
 from dualnav_lite.config import Config, UnusableInput, with_overrides, write_atomic
 from dualnav_lite.encoder import num_channels
 from dualnav_lite.planners import make_planner
-from dualnav_lite.policy import Actor, CommandGridHead, CommandReader
+from dualnav_lite.policy import Actor, CommandGridHead
 from dualnav_lite.safety import FilteredDriver
 
 MODEL_FOLDER = Path(__file__).resolve().parent.parent / "models"
@@ -154,13 +152,7 @@ def _onnx(model: Deployed, example, card) -> bytes:
 def _runner(content: bytes, ending: str):
     """A function from (n, C, 64, 64) float32 to the network's output, and the card inside the file."""
     if ending == "onnx":
-        options = onnxruntime.SessionOptions()
-        # One thread: the same bits for every batch size and number of cores.
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 3
-        session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-        card = json.loads(session.get_modelmeta().custom_metadata_map["card"])
-        return (lambda state: session.run(None, {"state": state})[0]), card
+        return embedded.onnx_runner(content)
     extra = {CARD: b""}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -174,11 +166,11 @@ def _runner(content: bytes, ending: str):
     return run, json.loads(extra[CARD])
 
 
-class EmbeddedPolicy:
+class EmbeddedPolicy(embedded.EmbeddedPolicy):
     """An exported policy that drives: the article's `EmbeddedPolicy`, and an arm of `evaluate`.
 
-    The network gives probabilities of a grid of commands; a vote over the last steps smooths them, and the command is
-    read between the points around the highest vote (`policy.CommandReader`).
+    What drives is `embedded.EmbeddedPolicy`, which needs ONNX Runtime alone; this one also reads TorchScript and checks
+    that a configuration fits.
 
     Args:
         model_path: an exported `.onnx` or `.pt` file.
@@ -190,53 +182,17 @@ class EmbeddedPolicy:
     Source: article 3.3.
     """
 
-    needs_truth = False
-    needs_full_map = False
-
     def __init__(self, model_path: str | Path, config: Config | None = None):
-        path = Path(model_path)
-        try:
-            content = path.read_bytes()
-        except OSError as error:
-            raise UnusableInput(f"{path}: cannot be read: {error.strerror}") from None
-        try:
-            self._run, self.card = _runner(content, path.suffix.lstrip("."))
-        except Exception as error:
-            first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-            raise UnusableInput(f"{path}: not an exported policy (.onnx or .pt): {first[:120]}") from None
+        super().__init__(model_path)
         if config is not None:
-            check_fit(self.card, config, path)
-        self.fingerprint = hashlib.sha256(content).hexdigest()
-        self.training_seed = self.card["training_seed"]
-        self._shape = (num_channels_of(self.card), 64, 64)
-        self._reader = CommandReader(self.card["grid"], self.card["memory"]) if self.card["grid"] else None
+            check_fit(self.card, config, model_path)
 
-    def reset(self, indices) -> None:
-        """Forget the past of these worlds, as at the start of an episode."""
-        if self._reader:
-            self._reader.reset(indices)
-
-    def output(self, observations) -> np.ndarray:
-        """What the network says of (n, C, 64, 64) observations: (n, commands) probabilities, without the vote."""
-        state = np.asarray(observations, np.float32)
-        if state.ndim != 4 or state.shape[1:] != self._shape:
-            raise ValueError(
-                f"the policy takes observations (n, {', '.join(map(str, self._shape))}), got {state.shape}"
-            )
-        return self._run(state)
+    def _load(self, content: bytes, ending: str):
+        return _runner(content, ending)
 
     def own_config(self, config: Config) -> Config:
         """A config with the settings that this policy was trained under: what an ablation is run with."""
         return with_overrides(config, self.card.get("overrides", {}))
-
-    def act(self, observations, infos=None) -> np.ndarray:
-        """(n, 2) float64 v [m/s], omega [rad/s] for n worlds; infos are not read."""
-        output = self.output(observations)
-        return self._reader(output) if self._reader else output.astype(float)
-
-    def get_action(self, state) -> np.ndarray:
-        """(2,) v [m/s], omega [rad/s] from a (1, C, 64, 64) array or tensor: `act` for one robot."""
-        return self.act(np.asarray(state))[0]
 
 
 def check_fit(card: Mapping[str, Any], config: Config, source: str | Path) -> None:

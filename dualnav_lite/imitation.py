@@ -16,11 +16,12 @@ import torch
 from pydantic import Field
 
 from dualnav_lite import streams
+from dualnav_lite.command_reader import CommandReader
 from dualnav_lite.config import Config, Frozen, NonNegative, Positive, Share, UnusableInput, write_atomic
 from dualnav_lite.env import DynamicNavVectorEnv
 from dualnav_lite.kernels import sampling as kernels
 from dualnav_lite.planners.sampling import Ceiling
-from dualnav_lite.policy import Actor, CommandReader, device_of, split_observations
+from dualnav_lite.policy import Actor, device_of, split_observations
 
 Count = Annotated[int, Field(ge=1)]
 PIXEL_STEPS = 127  # images are kept as int8; a pixel is off by at most 1/254

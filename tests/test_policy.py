@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 import torch
 
+from dualnav_lite.command_reader import CommandReader
 from dualnav_lite.config import Hardware, Observation
 from dualnav_lite.encoder import BANDS, EGO, Ego, encode_states, read_bands
 from dualnav_lite.planners.sampling import command_grid
@@ -9,7 +10,6 @@ from dualnav_lite.policy import (
     HIDDEN,
     Actor,
     CommandGridHead,
-    CommandReader,
     Critic,
     GaussianHead,
     ImageTrunk,
