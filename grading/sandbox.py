@@ -30,6 +30,9 @@ from grading.wire import ClosedError, Connection, DeadlineError, ProtocolError
 
 HERE = Path(__file__).resolve().parent
 BROUGHT = ("inside.py", "landlock.py", "seccomp.py", "wire.py", "serve.py", "adapters.py", "probe_inside.py")
+PREFIX = (
+    "dualnav-grading-"  # of temporary folders; the process that made one follows, so that `sweep` knows whose it is
+)
 STARTED = b"grading: rights given up, starting\n"  # printed by `inside.py` before anything of others runs
 DEVICES = ["/dev/null", "/dev/zero", "/dev/urandom", "/dev/random"]
 TIERS = {
@@ -194,7 +197,7 @@ class Sandbox:
 
     def __init__(self, job: Job, tier: str):
         self._job, self._tier = job, tier
-        self.folder = Path(tempfile.mkdtemp(prefix="dualnav-grading-"))
+        self.folder = Path(tempfile.mkdtemp(prefix=f"{PREFIX}{os.getpid()}-"))
         self.output = b""  # first bytes of what it printed; for people who look for a mistake in the kit, never scored
         self._process: subprocess.Popen | None = None
         self._watchdog: Watchdog | None = None

@@ -1,0 +1,184 @@
+"""Grading: the sandbox denies, the scorer tells right from wrong, intake opens nothing hostile, tables stay inert."""
+
+import os
+import stat
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dualnav_lite.config import UnusableInput
+from dualnav_lite.exercises import student_notebook
+from grading.adapters import ADAPTERS
+from grading.grade import NOTEBOOKS, grade_class, prepared
+from grading.intake import take_in
+from grading.masking import masked
+from grading.probe import leaks, probe
+from grading.rebuild import rebuilt, solution_cells
+from grading.rubric import load_rubric
+from grading.sandbox import Limits, choose_tier
+from grading.secret import Secret, load_secret, make_key
+from grading.tables import defused, to_csv
+from grading.tasks import questions_of
+
+MUTANTS = Path(__file__).parent / "mutants"
+LESSON = NOTEBOOKS / "07_rewards.ipynb"
+WANTED = frozenset({"07_rewards.ipynb"})
+
+
+def test_tier_a_denies_everything_that_it_promises():
+    """Fails, and does not skip, where no sandbox works: nobody could be graded there."""
+    assert choose_tier() == "A"
+    found = probe("A")
+    assert len(found) >= 29
+    assert leaks("A", found) == []
+
+
+def reasons(exercise: str, source: str) -> list[str]:
+    """Reason codes of a solution, run here by the sandbox's adapter and judged by the scorer."""
+    names: dict = {"np": np}
+    exec(source, names)
+    found = []
+    for question in questions_of(exercise)(np.random.default_rng(5)):
+        try:
+            answer = ADAPTERS[exercise](names, question.arrays, {})
+        except Exception:
+            found.append("raised")
+        else:
+            found.append(question.judge(answer))
+    return found
+
+
+GRADED = [path for name in load_rubric().points() for path in sorted((MUTANTS / name).glob("*.py"))]
+
+
+@pytest.mark.parametrize("path", GRADED, ids=lambda path: f"{path.parent.name}-{path.stem}")
+def test_every_mutant_is_rejected_and_every_other_right_way_passes(path):
+    source = path.read_text(encoding="utf-8")
+    assert any(reasons(path.parent.name, source)) != source.startswith("# right")
+
+
+@pytest.mark.parametrize("exercise", ["gae", "policy_loss", "value_loss"])
+def test_the_library_answers_the_scorer_of_a_lesson_to_come(exercise):
+    module = "rollout" if exercise == "gae" else "ppo"
+    assert not any(reasons(exercise, f"from dualnav_lite.{module} import {exercise}"))
+
+
+def test_a_bootstrap_through_the_end_is_told_by_name():
+    source = "from dualnav_lite.rollout import gae as f\ngae = lambda r, v, n, e, t, *a: f(r, v, n, e & t, e | t, *a)"
+    assert next(filter(None, reasons("gae", source))) == "terminated_has_no_future"
+
+
+def test_answers_are_judged_by_bytes_alone():
+    question = questions_of("safe")(np.random.default_rng(0))[0]
+    right = question.expected["values"]
+    assert question.judge({"values": right}) == ""
+    assert question.judge({}) == "wrong_type"
+    assert question.judge({"values": right, "score": right}) == "wrong_type"
+    assert question.judge({"values": right[:3]}) == "wrong_shape"
+    assert question.judge({"values": np.full_like(right, np.nan)}) == "not_finite"
+    assert question.judge({"values": right + 1e-3}) == question.hint
+
+
+def test_masked_bodies_are_gone_from_the_copy():
+    text = "class A:\n    def f(self):\n        '''Formula.'''\n        return 42\n\ndef g():\n    return 43\n"
+    found = masked(text, {"A.f": "e", "g": "h"}, "m")
+    assert not any(word in found for word in ("42", "43", "Formula"))
+    space: dict = {}
+    exec(found, space)
+    with pytest.raises(NotImplementedError, match="exercise h"):
+        space["g"]()
+    with pytest.raises(UnusableInput):
+        masked(text, {"missing": "e"}, "m")
+
+
+def test_a_notebook_gives_nothing_but_the_source_of_its_solution_cells():
+    forged = (
+        b'{"metadata": {"kernelspec": {"name": "evil"}}, "cells": [{"cell_type": "code", "id": "safe",'
+        b' "source": "mine",'
+        b' "metadata": {"tags": ["parameters"], "nbgrader": {"points": 99}}, "outputs": [{"evil": 1}]},'
+        b' {"cell_type": "code", "id": "other", "source": "not asked"}]}'
+    )
+    cells = solution_cells(forged, ("safe", "goal"))
+    assert cells == {"safe": "mine", "goal": "\0cell_missing"}
+    master = types.SimpleNamespace(order=(("given", "import x"), ("solution", "safe")))
+    text = rebuilt(master, cells)
+    assert b"mine" in text
+    assert not any(word in text for word in (b"evil", b"points", b"not asked", b"parameters"))
+
+
+@pytest.mark.parametrize("twice", ["safe", "half"])
+def test_cells_that_cannot_be_used_have_a_reason(twice):
+    cell = {"safe": '"source": "a"', "half": '"source": "\\ud800"'}[twice]
+    cells = ",".join([f'{{"cell_type": "code", "id": "safe", {cell}}}'] * (2 if twice == "safe" else 1))
+    assert solution_cells(f'{{"cells": [{cells}]}}'.encode(), ("safe",))["safe"].startswith("\0cell_")
+
+
+def test_hostile_files_are_rejected_with_a_reason_and_never_opened(tmp_path):
+    for name in ("link", "pipe", "sparse", "control", "deep", "fine", "张 三_7_assignsubmission_file_"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "07_rewards.ipynb").write_text("{}", encoding="utf-8")
+    (tmp_path / "link" / "x").symlink_to("/etc/passwd")
+    os.mkfifo(tmp_path / "pipe" / "x")
+    with open(tmp_path / "sparse" / "x", "wb") as file:
+        file.truncate(5 << 30)
+    (tmp_path / "control" / "a\nb").write_text("")
+    (tmp_path / "deep" / "/".join("abcdefghij")).mkdir(parents=True)
+    (tmp_path / os.fsdecode(b"\xff\xfe")).mkdir()
+    (tmp_path / "folder link").symlink_to(tmp_path / "fine")
+    found = {one.student_id: one.rejected for one in take_in(tmp_path, WANTED)}
+    unnamed = next(name for name in found if name.startswith("unnamed-"))
+    assert found == {
+        "7": "",
+        "control": "file_name",
+        "deep": "folders_too_deep",
+        "fine": "",
+        "folder link": "symbolic_link",
+        "link": "symbolic_link",
+        "pipe": "special_file",
+        "sparse": "file_too_large",
+        unnamed: "folder_name",
+    }
+
+
+def test_cells_of_a_table_are_inert():
+    assert [defused(text) for text in ("=1", "+a", "@x", "\tx", "-2", "a")] == ["'=1", "'+a", "'@x", "'\tx", "-2", "a"]
+    assert to_csv(("a",), [{"a": '=HYPERLINK("x")'}]) == b'"a"\n"\'=HYPERLINK(""x"")"\n'
+
+
+def test_seeds_follow_from_the_key_and_stay_in_their_range(tmp_path):
+    with pytest.raises(UnusableInput, match="grading key"):
+        load_secret(None, "course")
+    make_key(tmp_path / "key")
+    assert stat.S_IMODE((tmp_path / "key").stat().st_mode) == 0o600
+    secret = load_secret(tmp_path / "key", "course")
+    assert secret.seeds("navigation", 3) == secret.seeds("navigation", 9)[:3]
+    assert all(3_000_000_000 <= seed < 4_000_000_000 for seed in secret.seeds("navigation", 50))
+    assert Secret(b"a" * 32, "course").fingerprint != secret.fingerprint
+    (tmp_path / "key").chmod(0o644)
+    with pytest.raises(UnusableInput, match="chmod"):
+        load_secret(tmp_path / "key", "course")
+
+
+@pytest.mark.slow
+def test_a_class_is_graded_as_its_work_deserves_and_resumed_without_grading_again(tmp_path):
+    master = LESSON.read_text(encoding="utf-8")
+    stubs = student_notebook(master)
+    line = 'raise NotImplementedError(\\"exercise goal\\")'
+    assert line in stubs
+    works = {"good": master, "untouched": stubs, "exits": stubs.replace(line, "__import__('os')._exit(0)")}
+    for name, text in works.items():
+        (tmp_path / "class" / name).mkdir(parents=True)
+        (tmp_path / "class" / name / LESSON.name).write_text(text, encoding="utf-8")
+    with prepared(load_rubric(), Secret(b"k" * 32, "course"), "A", Limits()) as room:
+        rows, lost = grade_class(tmp_path / "class", tmp_path / "out", room, say=lambda text: None)
+        first = (tmp_path / "out" / "grades.csv").read_bytes()
+        kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "results").iterdir()}
+        grade_class(tmp_path / "class", tmp_path / "out", room, say=lambda text: None)
+    assert lost == 0
+    points = {name: [row["points"] for row in rows if row["student_id"] == name] for name in works}
+    assert points == {"good": ["2", "3", "4", "2"], "untouched": ["0"] * 4, "exits": ["0"] * 4}
+    assert [row["reason_code"] for row in rows if row["student_id"] == "exits"][1] == "kernel_ended"
+    assert (tmp_path / "out" / "grades.csv").read_bytes() == first
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
