@@ -6,9 +6,11 @@ usage: python kit.py COMMAND [options]        python kit.py COMMAND --help
   stress      the scenarios through papermill: survival table, executed notebooks, a report
   merge       shards of stress, run on several machines, to the tables of the whole
   test        the test suite; --slow adds the long tests; other options go to pytest
-  train       a policy from a config in training/: imitation, PPO; goes on where it was stopped
+  train       a policy or the predictor from a config in training/; goes on where it was stopped
   evaluate    any planner over scenarios and seeds, to episodes.csv
   card        models/README.md from the weights, the training's log and evaluated rows
+  record      drives kept whole in data/: scans, maps, true positions, a log of both objectives
+  predictor   the LSTM predictor beside constant velocity, on scenarios that it has not seen
   study       one of training/studies again: variants of a training, several seeds each
   beyond      a table from beyond our own world: crowdnav, ...
   measure     fronts, battery band, latency, three hours, ablations, differential evolution: by name
@@ -45,6 +47,8 @@ SIMULATES = (
     "test",
     "train",
     "evaluate",
+    "record",
+    "predictor",
     "study",
     "beyond",
     "measure",

@@ -274,7 +274,12 @@ def train(
     out: Annotated[Path | None, typer.Option(help="Folder for the policy; the run's folder if not given.")] = None,
     device: Annotated[str, typer.Option(help="Where the networks learn: auto, cpu or cuda.")] = "auto",
 ) -> int:
-    """Imitation and PPO from a config: progress, checkpoints, logs; the same command goes on where it was stopped."""
+    """A policy or the predictor from a config: progress, checkpoints, logs; the same command goes on after a stop."""
+    from dualnav_lite.train_predictor import is_predictor_config, train_predictor
+
+    if is_predictor_config(config):
+        train_predictor(config, run or None, seed, jobs, out)
+        return 0
     from dualnav_lite.train import TrainingStopped
     from dualnav_lite.train import train as run_training
 
@@ -298,6 +303,46 @@ def card(
     from dualnav_lite.model_card import write_card
 
     print(write_card(training, log, rows, commit, minutes))
+    return 0
+
+
+@app.command()
+def record(
+    arms: Annotated[str, typer.Argument(help="Planners, separated by commas.")] = "cv_sampling",
+    scenarios: Annotated[str, typer.Option(help="Scenario ids or YAML files, separated by commas.")] = "navigation",
+    episodes: Episodes = 10,
+    seed_base: Annotated[int, typer.Option(min=0, help="First seed; below 1000000 they are for training.")] = 0,
+    config: Annotated[Path | None, typer.Option(help="config.yaml to use; the defaults if not given.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder of scans/, maps/, movers/ and logs/.")] = Path("data"),
+) -> int:
+    """Drives kept whole: scans, maps, where everything really was, and a log of both objectives."""
+    from dualnav_lite.config import load_config
+    from dualnav_lite.recording import record as run
+
+    if config and not config.exists():
+        raise UnusableInput(f"{config}: no such file")
+    seeds = range(seed_base, seed_base + episodes)
+    print(run(words(scenarios), words(arms), seeds, out, load_config(config)).to_string(index=False))
+    return 0
+
+
+@app.command()
+def predictor(
+    weights: Annotated[Path | None, typer.Option(help="A .npz file; models/predictor.npz if not given.")] = None,
+    scenarios: Annotated[str, typer.Option(help="Families, separated by commas; the unseen ones if empty.")] = "",
+    episodes: Episodes = 100,
+    seed_base: Seeds = TEST_SEED,
+    jobs: Jobs = CORES,
+    out: Annotated[Path, typer.Option(help="Folder of predictor.csv.")] = Path("results"),
+) -> int:
+    """Where will people be: the LSTM beside constant velocity, on families that it has not seen; predictor.csv."""
+    from dualnav_lite.config import write_atomic
+    from dualnav_lite.train_predictor import UNSEEN, judge_predictor
+
+    families = words(scenarios) if scenarios else list(UNSEEN)
+    table = judge_predictor(weights, families, episodes, seed_base, jobs=jobs).round(4)
+    write_atomic(out / "predictor.csv", table.to_csv(index=False, lineterminator="\n"))
+    print(table.to_string(index=False))
     return 0
 
 

@@ -126,6 +126,7 @@ class Config(Frozen):
     lidar: Lidar = Lidar()
     map: Map = Map()
     guide: Guide = Guide()
+    predictor: Literal["constant_velocity", "lstm"] = "constant_velocity"  # of the forecast channel and of r_dynamic
     observation: Observation = Observation()
     rewards: Rewards = Rewards()
 

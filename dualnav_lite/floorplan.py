@@ -21,7 +21,7 @@ from dualnav_lite.canvas import (
     mixed,
 )
 from dualnav_lite.geometry import beam_directions, box_corners, to_world
-from dualnav_lite.pedestrians import CROSSING, FORKLIFT, PEDESTRIAN, POP_UP, PUSHABLE
+from dualnav_lite.pedestrians import CROSSING, FORKLIFT, PEDESTRIAN, POP_UP, PUSHABLE, UNAWARE
 from dualnav_lite.semantics import Surface
 
 if TYPE_CHECKING:
@@ -34,7 +34,14 @@ TRAIL_PIECES = 8  # of one colour each
 JUMP_M = 0.3  # a robot that was carried away after a contact leaves no line
 MOVING_M_S = 0.05
 PHANTOM_DASHES = 12
-COLOUR_OF_KIND = {PEDESTRIAN: ORANGE, CROSSING: ORANGE, POP_UP: VERMILLION, PUSHABLE: SKY, FORKLIFT: YELLOW}
+COLOUR_OF_KIND = {
+    PEDESTRIAN: ORANGE,
+    CROSSING: ORANGE,
+    UNAWARE: ORANGE,
+    POP_UP: VERMILLION,
+    PUSHABLE: SKY,
+    FORKLIFT: YELLOW,
+}
 _UNIT = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])  # corners of a square
 
 

@@ -5,17 +5,21 @@ import hashlib
 from pathlib import Path
 
 import pandas as pd
+import yaml
 
 from dualnav_lite.config import UnusableInput, write_atomic
 from dualnav_lite.deploy import MODEL_FOLDER, EmbeddedPolicy
+from dualnav_lite.predictor import load as load_predictor
 from dualnav_lite.survival import read_episodes, survival
 
+PREDICTOR_TABLE = MODEL_FOLDER.parent / "stress_tests" / "reference" / "predictor.csv"
 WHAT = {
     "ppo_actor.onnx": "the policy that `ppo` and `ppo_filter` drive with (ONNX Runtime, one thread)",
     "ppo_actor.pt": "the same as TorchScript",
     "ppo_actor.pth": "its weights",
     "ppo_critic.pth": "the value heads, one a reward term",
     "predictor.pth": "the LSTM predictor",
+    "predictor.npz": "its weights once more, for the environment, which needs no torch",
 }
 
 
@@ -58,6 +62,28 @@ def rate_table(rows: pd.DataFrame) -> list[str]:
     return lines
 
 
+def predictor_lines(folder: Path, table: Path = PREDICTOR_TABLE) -> list[str]:
+    """Where the shipped predictor comes from, and its rows beside constant velocity; nothing where none is shipped."""
+    if not (folder / "predictor.pth").exists():
+        return []
+    card = load_predictor(folder / "predictor.pth")[1]
+    training = yaml.safe_load(card["training"])
+    families = ", ".join(f"`{Path(name).stem}` {episodes}" for name, episodes in training["families"].items())
+    lines = [
+        "## The predictor",
+        "",
+        f"`python kit.py train --config training/predictor.yaml --out models`, seed {training['seed']}:",
+        f"{card['samples']:,} movers at moments of drives ({families} episodes),",
+        f"{training['fit']['updates']:,} updates. Scenarios that it has not seen, metres and shares",
+        "(`python kit.py predictor --episodes 60 --out stress_tests/reference`):",
+        "",
+    ]
+    with open(table, encoding="utf-8", newline="") as file:
+        rows = list(csv.reader(file))
+    cells = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
+    return [*lines, *("| " + " | ".join(row) + " |" for row in cells), ""]
+
+
 def write_card(training: str, log: Path, rows: Path, commit: str, minutes: float, folder: Path = MODEL_FOLDER) -> Path:
     """Write the card.
 
@@ -96,6 +122,7 @@ def write_card(training: str, log: Path, rows: Path, commit: str, minutes: float
         "commands, read between its points by a vote of the last steps"
         f" (memory {policy.card['memory']}); outside, v and omega are continuous.",
         "",
+        *predictor_lines(folder),
         f"## Tuning seeds ({seeds})",
         "",
         *rate_table(table),

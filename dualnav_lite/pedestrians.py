@@ -5,10 +5,20 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dualnav_lite.kernels import movers as kernel
-from dualnav_lite.kernels.movers import CROSSING, FORKLIFT, NONE, PEDESTRIAN, POP_UP, PUSHABLE, SLIDING, WAITING
+from dualnav_lite.kernels.movers import (
+    CROSSING,
+    FORKLIFT,
+    NONE,
+    PEDESTRIAN,
+    POP_UP,
+    PUSHABLE,
+    SLIDING,
+    UNAWARE,
+    WAITING,
+)
 from dualnav_lite.pop_ups import PopUpPlan
 
-__all__ = ["CROSSING", "FORKLIFT", "NONE", "PEDESTRIAN", "POP_UP", "PUSHABLE", "CrowdPlan", "MoverPlan"]
+__all__ = ["CROSSING", "FORKLIFT", "NONE", "PEDESTRIAN", "POP_UP", "PUSHABLE", "UNAWARE", "CrowdPlan", "MoverPlan"]
 
 MAX_MOVERS = 12
 MAX_WAYPOINTS = 8

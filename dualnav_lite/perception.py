@@ -8,6 +8,7 @@ import numpy as np
 from dualnav_lite import streams
 from dualnav_lite.config import Config
 from dualnav_lite.encoder import Ego, encode_states
+from dualnav_lite.forecast import shipped
 from dualnav_lite.geometry import to_robot, to_world
 from dualnav_lite.lidar import Lidar
 from dualnav_lite.mapping import Mapper
@@ -50,7 +51,7 @@ class Perception:
         config: the whole configuration.
         encoder: `encode_state` of a student, called a world at a time; None for the library's.
         predictor: maps (n, 10, beams, 2) scans and (n, 10, 3) poses to a `Prediction` or its first three fields; None
-            for constant velocity on tracks.
+            for the one that `config.predictor` names: constant velocity on tracks, or the shipped LSTM.
     """
 
     def __init__(
@@ -58,11 +59,12 @@ class Perception:
     ):
         n, beams = num_envs, config.lidar.beams
         self.config, self._encoder, self._predictor = config, encoder, predictor
+        self._lstm = shipped() if predictor is None and config.predictor == "lstm" else None
         self._lidar = Lidar(config.lidar, n)
         self.mapper = Mapper(config.map, config.lidar, n, config.control_dt_s)
-        self._tracker = Tracker(n, config.control_dt_s)
+        self._tracker = Tracker(n, config.control_dt_s, PREDICTOR_SCANS if self._lstm else 0)
         self._guide = Guide(config.guide, config.map, n)
-        depth = PREDICTOR_SCANS if predictor else FLOW_SCANS
+        depth = PREDICTOR_SCANS if predictor or self._lstm else FLOW_SCANS
         self._scans = np.zeros((n, depth, beams, 2), np.float32)
         self._poses = np.zeros((n, depth, 3))
         self._is_first = np.ones(n, bool)
@@ -133,6 +135,8 @@ class Perception:
             self._is_first[first] = False
 
     def _predict(self, tracks: Tracks) -> Prediction:
+        if self._lstm is not None:
+            return self._lstm.correct(tracks, self._tracker.past(tracks), self._poses, self._scans[:, -1])
         if self._predictor is None:
             return constant_velocity(tracks)
         predicted = self._predictor(self._scans.copy(), self._poses.copy())

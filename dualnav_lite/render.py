@@ -21,7 +21,7 @@ from dualnav_lite.canvas import (
 )
 from dualnav_lite.encoder import BAND_EDGES, BANDS, CHANNELS, INTENSITY, read_bands
 from dualnav_lite.floorplan import COLOUR_OF_KIND, WALL_M, FloorPlan
-from dualnav_lite.pedestrians import CROSSING, FORKLIFT, PEDESTRIAN, POP_UP, PUSHABLE
+from dualnav_lite.pedestrians import CROSSING, FORKLIFT, PEDESTRIAN, POP_UP, PUSHABLE, UNAWARE
 from dualnav_lite.semantics import Surface
 
 if TYPE_CHECKING:
@@ -179,7 +179,7 @@ def key_to_room(env, world: int, theme: Theme) -> list[tuple[str, str, tuple]]:
     kinds = {plan.kind for plan in layout.movers}
     entries = [("robot", "disc", BLUE), ("goal, radius 0.4 m", "ring", GREEN)]
     entries += [("guide point and path", "path", GREEN), ("trail", "line", theme.trail)]
-    entries += [("person, 1 s of walking", "person", ORANGE)] if kinds & {PEDESTRIAN, CROSSING} else []
+    entries += [("person, 1 s of walking", "person", ORANGE)] if kinds & {PEDESTRIAN, CROSSING, UNAWARE} else []
     boxes = {POP_UP: "pop-up box", PUSHABLE: "pushable box", FORKLIFT: "forklift"}
     entries += [(text, "box", COLOUR_OF_KIND[kind]) for kind, text in boxes.items() if kind in kinds]
     entries += [("phantom, lidar only", "dashes", PURPLE)] if env.sim.num_phantoms[world] else []

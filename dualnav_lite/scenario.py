@@ -44,6 +44,7 @@ class People(Frozen):
     count: Range = Range(low=0, high=3)
     speed_m_s: Range = Range(low=0.4, high=1.0)
     radius_m: Range = Range(low=0.25, high=0.30)
+    unaware_share: Share = 0.0  # share of them who walk on whatever is in their way; only to train the predictor
     forklift_share: Share = 0.10  # share of rooms with a forklift-sized mover on a fixed lane
 
 

@@ -7,7 +7,7 @@ from dualnav_lite.config import Config
 from dualnav_lite.kernels.clearance import hull_clearance
 from dualnav_lite.kernels.scene import place_movers, read_field, renew_phantoms
 from dualnav_lite.layout import Layout, generate
-from dualnav_lite.pedestrians import CROSSING, FORKLIFT, PEDESTRIAN, POP_UP, PUSHABLE, Movers
+from dualnav_lite.pedestrians import CROSSING, FORKLIFT, PEDESTRIAN, POP_UP, PUSHABLE, UNAWARE, Movers
 from dualnav_lite.robot import Robots
 from dualnav_lite.rooms import FIELD_RESOLUTION_M
 from dualnav_lite.scenario import Scenario
@@ -17,8 +17,8 @@ from dualnav_lite.world import World
 
 MAX_PHANTOMS = 8
 RESTART_CLEARANCE_M = 0.6  # a robot re-placed after a contact has this much room around its middle
-_SURFACE_OF_KIND = np.zeros(6, np.uint8)
-_SURFACE_OF_KIND[[PEDESTRIAN, CROSSING]] = Surface.PERSON
+_SURFACE_OF_KIND = np.zeros(7, np.uint8)
+_SURFACE_OF_KIND[[PEDESTRIAN, CROSSING, UNAWARE]] = Surface.PERSON
 _SURFACE_OF_KIND[[POP_UP, PUSHABLE, FORKLIFT]] = Surface.BOX
 
 

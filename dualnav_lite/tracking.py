@@ -42,20 +42,28 @@ class Tracker:
     Args:
         num_envs: number of worlds n.
         dt: time between scans [s].
+        depth: number of scans whose tracks are kept for `past`; 0 for none.
+
+    Attributes:
+        states: (n, T, `kernel.COLUMNS`) every track, moving or not, odometry frame; an age of 0 marks a free row.
+        rows: (n, K) row of `states` behind each mover of the last `Tracks`, -1 for none.
     """
 
-    def __init__(self, num_envs: int, dt: float = STEP_S):
+    def __init__(self, num_envs: int, dt: float = STEP_S, depth: int = 0):
         self.dt = dt
-        self._tracks = np.zeros((num_envs, _MAX_TRACKS, kernel.COLUMNS))
+        self._past = np.zeros((num_envs, depth, _MAX_TRACKS, kernel.COLUMNS))
+        self.states = np.zeros((num_envs, _MAX_TRACKS, kernel.COLUMNS))
         self._places = np.zeros((num_envs, _MAX_TRACKS, _MEMORY, 3))
         self._ranges = np.zeros((num_envs, _MEMORY, 0), np.float32)
         self._poses = np.zeros((num_envs, _MEMORY, 3))
         self._counts = np.zeros(num_envs, np.int64)
+        self.rows = np.full((num_envs, MAX_MOVERS), -1)
 
     def reset(self, indices) -> None:
         """Forget everything about these worlds."""
-        self._tracks[indices] = 0.0
+        self.states[indices] = 0.0
         self._counts[indices] = 0
+        self._past[indices] = 0.0
 
     def update(self, poses_odom, scans, active=None) -> Tracks:
         """Take in one scan a world.
@@ -73,7 +81,7 @@ class Tracker:
             self._ranges = np.zeros((n, _MEMORY, beams), np.float32)
         active = np.ones(n, bool) if active is None else active
         kernel.step_tracks(
-            scans, poses_odom, active, self.dt, self._tracks, self._places, self._ranges, self._poses, self._counts
+            scans, poses_odom, active, self.dt, self.states, self._places, self._ranges, self._poses, self._counts
         )
         tracks = Tracks(
             np.empty((n, MAX_MOVERS, 2)),
@@ -83,9 +91,28 @@ class Tracker:
             np.empty((n, MAX_MOVERS), bool),
         )
         kernel.nearest_movers(
-            self._tracks, poses_odom, tracks.positions, tracks.velocities, tracks.radii, tracks.ages, tracks.valid
+            self.states,
+            poses_odom,
+            tracks.positions,
+            tracks.velocities,
+            tracks.radii,
+            tracks.ages,
+            tracks.valid,
+            self.rows,
         )
+        if self._past.shape[1]:
+            self._past[active, :-1] = self._past[active, 1:]
+            self._past[active, -1] = self.states[active]
         return tracks
+
+    def past(self, tracks: Tracks) -> np.ndarray:
+        """(n, K, depth, `kernel.COLUMNS`) what the last update's `tracks` were after each of the last scans.
+
+        Odometry frame; an age of 0 before a thing was first seen, and everywhere for a row that is not valid.
+        """
+        states = self._past[np.arange(len(self.rows))[:, None], :, self.rows]
+        was_it = states.shape[2] - tracks.ages[..., None] <= np.arange(states.shape[2])  # earlier its row was another's
+        return states * (was_it & tracks.valid[..., None])[..., None]
 
 
 _TIMES = STEP_S * np.arange(1, STEPS + 1)
@@ -104,6 +131,27 @@ def constant_velocity(tracks) -> Prediction:
     return Prediction(positions, tracks.velocities, tracks.valid, tracks.radii)
 
 
+def follow(scans, poses) -> tuple[Tracks, np.ndarray]:
+    """Movers found in a few scans alone, and their `Tracker.past`.
+
+    Scans at the beginning that repeat the next one bit by bit are the filling of a memory that is not full yet
+    (noise never repeats itself), and are left out: a walker would seem to have stood there.
+
+    Args:
+        scans: (n, f, beams, 2), oldest first.
+        poses: (n, f, 3) odometry.
+    """
+    scans, poses = np.asarray(scans, np.float32), np.asarray(poses, float)
+    n, depth = scans.shape[:2]
+    is_filling = np.zeros((n, depth), bool)
+    repeats = (scans[:, :-1] == scans[:, 1:]).all(axis=(2, 3))
+    is_filling[:, :-1] = np.logical_and.accumulate(repeats, axis=1)
+    tracker = Tracker(n, depth=depth)
+    for step in range(depth):
+        tracks = tracker.update(poses[:, step], scans[:, step], ~is_filling[:, step])
+    return tracks, tracker.past(tracks)
+
+
 class ConstantVelocityPredictor:
     """The tracker as a predictor: it reads the last ten scans afresh at every call, as the LSTM does."""
 
@@ -117,9 +165,5 @@ class ConstantVelocityPredictor:
         Returns:
             positions (n, K, STEPS, 2) [m], velocities (n, K, 2) [m/s], valid (n, K), in the newest robot frame.
         """
-        scans, poses = np.asarray(scans, np.float32), np.asarray(poses, float)
-        tracker = Tracker(len(scans))
-        for step in range(scans.shape[1]):
-            tracks = tracker.update(poses[:, step], scans[:, step])
-        prediction = constant_velocity(tracks)
+        prediction = constant_velocity(follow(scans, poses)[0])
         return prediction.positions, prediction.velocities, prediction.valid

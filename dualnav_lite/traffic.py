@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dualnav_lite.pedestrians import CROSSING, FORKLIFT, PEDESTRIAN, PUSHABLE, CrowdPlan, MoverPlan
+from dualnav_lite.pedestrians import CROSSING, FORKLIFT, PEDESTRIAN, PUSHABLE, UNAWARE, CrowdPlan, MoverPlan
 from dualnav_lite.rooms import StaticRoom, distance_to_line, draw, draw_count, free_point, line_is_free
 from dualnav_lite.scenario import Room, Scenario
 
@@ -108,9 +108,10 @@ def draw_people(rng, room: StaticRoom, scenario: Scenario, start, movers: list[M
         waypoints = _entrance(rng, room, start, movers, radius)
         if waypoints is None:
             continue
+        is_unaware = people.unaware_share > 0 and rng.random() < people.unaware_share
         movers.append(
             MoverPlan(
-                kind=PEDESTRIAN,
+                kind=UNAWARE if is_unaware else PEDESTRIAN,
                 radius=radius,
                 pose=(*waypoints[0], 0.0),
                 speed=draw(rng, people.speed_m_s),

@@ -14,15 +14,15 @@ MOTIONS = ("farneback", "forecast", "scan", "none", "truth")
 
 
 def warm_kernels() -> None:
-    """A few steps in every scenario, with every motion method and with every planner that can be had here."""
+    """A few steps in every scenario, with every motion method, with the LSTM and with every planner that there is."""
     config, scenarios = Config(), all_scenarios()
-    with tqdm(total=len(scenarios) + len(MOTIONS) + len(ARMS), unit="part", desc="kernels") as bar:
+    changes = [*({"observation.motion.method": method} for method in MOTIONS), {"predictor": "lstm"}]
+    with tqdm(total=len(scenarios) + len(changes) + len(ARMS), unit="part", desc="kernels") as bar:
         for scenario in scenarios.values():
             _drive(DynamicNavVectorEnv(1, config, scenario))
             bar.update()
-        for method in MOTIONS:
-            settings = with_overrides(config, {"observation.motion.method": method})
-            _drive(DynamicNavVectorEnv(1, settings, load_scenario("navigation")))
+        for change in changes:
+            _drive(DynamicNavVectorEnv(1, with_overrides(config, change), load_scenario("navigation")))
             bar.update()
         for arm in ARMS:
             try:

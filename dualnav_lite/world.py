@@ -5,7 +5,7 @@ import pymunk
 from pymunk import batch
 
 from dualnav_lite.layout import Layout
-from dualnav_lite.pedestrians import CROSSING, FORKLIFT, PEDESTRIAN, POP_UP, PUSHABLE
+from dualnav_lite.pedestrians import CROSSING, FORKLIFT, PEDESTRIAN, POP_UP, PUSHABLE, UNAWARE
 from dualnav_lite.semantics import Surface
 
 ROBOT_CONTACT = 100  # collision type of the hull; solids carry their `Surface`
@@ -21,14 +21,16 @@ _SURFACE_OF_KIND = {
     POP_UP: Surface.BOX,
     PUSHABLE: Surface.BOX,
     FORKLIFT: Surface.BOX,
+    UNAWARE: Surface.PERSON,
 }
 
 
 class World:
     """Rigid bodies of one episode: the robot, its room and its movers.
 
-    People who react, pushable boxes and the robot are dynamic; a crossing group, pop-up boxes and the forklift are
-    kinematic, so nothing stops them. There is no gravity; a pushable box is held by friction with the floor.
+    People who react, pushable boxes and the robot are dynamic; a crossing group, the unaware, pop-up boxes and
+    the forklift are kinematic, so nothing stops them. There is no gravity; a pushable box is held by friction with the
+    floor.
 
     Attributes:
         contact: `Surface` the hull touched first since `clear_contact`, `NOTHING` if none.

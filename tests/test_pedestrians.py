@@ -5,12 +5,13 @@ import pytest
 
 from dualnav_lite.config import Config
 from dualnav_lite.geometry import to_robot
-from dualnav_lite.kernels.movers import CROSSING, PEDESTRIAN, POP_UP
-from dualnav_lite.scenario import load_scenario
+from dualnav_lite.kernels.movers import CROSSING, PEDESTRIAN, POP_UP, UNAWARE
+from dualnav_lite.scenario import SCENARIO_FOLDER, all_scenarios, load_scenario
 from dualnav_lite.semantics import Surface
 from dualnav_lite.simulation import Simulation
 
 FIRST = 1_000_000
+BUSY_ROOM = str(SCENARIO_FOLDER.parent.parent / "training" / "scenarios" / "busy_room.yaml")
 
 
 def simulate(name, seeds, steps, command=(0.0, 0.0), watch=lambda sim: None):
@@ -36,6 +37,17 @@ def test_pedestrians_do_walk():
     walks = np.linalg.norm(speeds, axis=-1)[:, sim.movers.kinds == PEDESTRIAN]
     assert walks.mean() > 0.25
     assert walks.max() < 1.3
+
+
+def test_the_unaware_walk_straight_at_their_own_speed_and_only_the_training_room_has_them():
+    sim, speeds = simulate(BUSY_ROOM, range(8), 60, watch=lambda s: s.movers.states[..., 3:5].copy())
+    unaware = sim.movers.kinds == UNAWARE
+    assert 0.3 < unaware.sum() / (sim.movers.kinds == PEDESTRIAN).sum() < 3
+    walks = np.linalg.norm(speeds, axis=-1)[:, unaware]
+    is_walking = walks > 0
+    np.testing.assert_allclose(walks[is_walking], np.broadcast_to(sim.movers.speeds[unaware], walks.shape)[is_walking])
+    assert 0.4 < is_walking.mean() < 1.0
+    assert all(scenario.people.unaware_share == 0 for scenario in all_scenarios().values())
 
 
 def test_pedestrians_stay_out_of_walls_and_furniture():

@@ -3,8 +3,8 @@
 import numpy as np
 from numba import njit
 
-# Kinds of mover; NONE fills unused rows, PUSHABLE moves only when pushed.
-NONE, PEDESTRIAN, CROSSING, POP_UP, PUSHABLE, FORKLIFT = range(6)
+# Kinds of mover; NONE fills unused rows, PUSHABLE moves only when pushed, UNAWARE is a person who reacts to nothing.
+NONE, PEDESTRIAN, CROSSING, POP_UP, PUSHABLE, FORKLIFT, UNAWARE = range(7)
 
 # Phases of a pop-up box (column `index`) and of a crossing group.
 ARMED, SLIDING, STOPPED = range(3)
@@ -230,7 +230,7 @@ def move(
                 else:
                     pace = min(speeds[i, m], left / dt)
                     velocities[i, m, 0], velocities[i, m, 1] = dx / left * pace, dy / left * pace
-            elif kind in (PEDESTRIAN, FORKLIFT):
+            elif kind in (PEDESTRIAN, FORKLIFT, UNAWARE):
                 if waits[i, m]:
                     if not has_group[i] or group_phase[i] == WAITING:
                         continue
@@ -271,6 +271,8 @@ def move(
                         num_static[i],
                         dt,
                     )
+                elif kind == UNAWARE:
+                    vx, vy = want_x, want_y
                 else:
                     vx, vy = _forklift(
                         m,

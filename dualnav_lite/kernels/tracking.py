@@ -249,13 +249,14 @@ def step_tracks(scans, poses_odom, active, dt, tracks, places, past_ranges, past
 
 
 @njit(cache=True)
-def nearest_movers(tracks, poses_odom, positions, velocities, radii, ages, valid):
+def nearest_movers(tracks, poses_odom, positions, velocities, radii, ages, valid, rows):
     """The nearest tracks of each world that move or have walked before, nearest first, seen from the robot.
 
     Args:
         tracks: (n, T, COLUMNS); poses_odom: (n, 3).
         positions: (n, K, 2) out [m], robot frame; velocities (n, K, 2) out [m/s] over ground, robot-frame axes;
         radii (n, K) out [m]; ages (n, K) i64 out [scans]; valid (n, K) out. Unused rows are zero.
+        rows: (n, K) i64 out: each mover's row of `tracks`, -1 where there is none.
     """
     limit = positions.shape[1]
     for i in range(tracks.shape[0]):
@@ -270,6 +271,7 @@ def nearest_movers(tracks, poses_odom, positions, velocities, radii, ages, valid
                     if distance < best:
                         nearest, best = t, distance
             valid[i, row] = nearest >= 0
+            rows[i, row] = nearest
             if nearest < 0:
                 positions[i, row] = velocities[i, row] = 0.0
                 radii[i, row] = 0.0
