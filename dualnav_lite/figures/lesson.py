@@ -51,6 +51,15 @@ def film(pictures, milliseconds: int = 150, width: int = 720):
     return HTML(f'<img src="data:image/gif;base64,{data}" alt="the run as a film">')
 
 
+def photo(figure) -> np.ndarray:
+    """A figure as a (H, W, 3) uint8 picture on white, for `film`; closes the figure."""
+    figure.patch.set(facecolor="white")
+    figure.canvas.draw()
+    picture = np.asarray(figure.canvas.buffer_rgba())[..., :3].copy()
+    plt.close(figure)
+    return picture
+
+
 def planned(arm: str, config: Config | None = None):
     """A chooser for `drive` that asks a planner."""
     planner = make_planner(arm, config or Config())
