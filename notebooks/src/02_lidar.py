@@ -100,8 +100,8 @@ print("within 1e-9 m of the library:", bool(np.abs(mine - clean).max() < 1e-9))
 # expect: within 1e-9 m of the library: True
 
 # %% [markdown]
-# The library does the same with numba, 1080 beams in some 20 microseconds, by another formula (`kernels/lidar.py`).
-# Two ways to one number: that is how it is tested.
+# The library does the same with numba, by another formula (`kernels/lidar.py`). Two ways to one number: that is how
+# it is tested.
 #
 # ## 2. Intensity: how much light came back
 #
@@ -191,7 +191,8 @@ else:
 many = np.concatenate([turn(5.0) for _ in range(200)])
 back = many[:, 1] > 0
 sigma = np.std((many[:, 0] - np.tile(clean, 200))[back & (many[:, 0] < RANGE_MAX)])
-print(f"at 5 lux: {100 * np.mean(~back):.0f} % lost, sigma {100 * sigma:.1f} cm, intensity x {1 - 0.557 * 0.718:.2f}")
+dimmed = np.median(many[back, 1] / np.tile(light, 200)[back])
+print(f"at 5 lux: {100 * np.mean(~back):.0f} % lost, sigma {100 * sigma:.1f} cm, intensity x {dimmed:.2f}")
 # expect: at 5 lux: 15 % lost, sigma 4.0 cm, intensity x 0.60
 
 # %% [markdown]
