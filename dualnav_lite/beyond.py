@@ -9,12 +9,12 @@ from dualnav_lite.config import UnusableInput, write_atomic
 
 
 def crowdnav(quick: bool, save) -> pd.DataFrame:
-    """CrowdNav's circle crossing with its own arms and this kit's, lidar only (20 minutes of CPU; needs pyrvo)."""
+    """CrowdNav's circle crossing with its own arms and this kit's, lidar only (8 minutes of CPU; needs pyrvo)."""
     from dualnav_lite.crowdnav_robot import crowdnav_table
 
     if quick:
-        return crowdnav_table((5,), ("ppo",), 10, on_row=save)
-    return crowdnav_table((5, 10), ("ppo", "cv_sampling", "cv_sampling+", "ppo_filter"), on_row=save)
+        return crowdnav_table((5,), ("ppo",), (), 10, on_row=save)
+    return crowdnav_table(on_row=save)
 
 
 def streets(quick: bool, save) -> pd.DataFrame:

@@ -31,19 +31,26 @@ from dualnav_lite.scenario import load_scenario
 from dualnav_lite.scene import Scene
 from dualnav_lite.semantics import Surface
 
+WALLS_M = 6.0  # from the middle to a wall, where walls are added: a hall as large as the kit's own
 WORLDS = 25  # side by side; rows do not depend on it
 PIECES = 2  # of a control step: 0.05 s, in each of which everybody goes straight (people turn every 0.25 s)
 COLUMNS = [
-    "people", "arm", "knows", "plans_with_m", "judged_with_m", "cases", "success_rate", "wilson_low", "wilson_high",
-    "exact_low", "exact_high", "collision_rate", "timeout_rate", "mean_time_s", "known_success", "known_collision",
-    "known_time_s",
+    "setting", "people", "arm", "knows", "plans_with_m", "judged_with_m", "cases", "success_rate", "wilson_low",
+    "wilson_high", "exact_low", "exact_high", "collision_rate", "timeout_rate", "mean_time_s", "known_success",
+    "known_collision", "known_time_s",
 ]  # fmt: skip
 
 
 class CrowdWorlds:
-    """The truth of n cases side by side, with what `Perception` reads of a `Simulation`; no walls anywhere."""
+    """The truth of n cases side by side, with what `Perception` reads of a `Simulation`.
 
-    def __init__(self, cases: list[Case], config: Config):
+    Args:
+        cases: with equally many people each.
+        config: of the robot.
+        walls_m: half the side of a square of walls around it all; None: an open plane, as in the protocol.
+    """
+
+    def __init__(self, cases: list[Case], config: Config, walls_m: float | None = None):
         n, people = len(cases), cases[0].positions.shape[1]
         self.cases, self.config = cases, config
         self._paths = np.stack([case.positions for case in cases])
@@ -56,6 +63,10 @@ class CrowdWorlds:
         self._reach = RADIUS_M + np.array([RADIUS_M, config.robot.hull_radius_m])
         for i in range(n):
             self.robots.reset(i, TEST_SEED + i, self.poses[i], 1.0)
+            if walls_m is not None:
+                corners = walls_m * np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [1.0, -1.0]])
+                walls = np.concatenate([corners, np.roll(corners, -1, axis=0)], axis=1)
+                self.scene.add_segments(i, walls, Surface.WALL)
             self.scene.add_circles(i, np.zeros((people, 3)), Surface.PERSON)
         self._place_people()
 
@@ -123,16 +134,17 @@ def infos_of(worlds: CrowdWorlds, percept: Percept, preference: float) -> list[d
     return split_infos(fields, n)
 
 
-def drive_cases(arm: str, cases: list[Case], config: Config, preference: float = 0.5) -> CrowdWorlds:
+def drive_cases(arm: str, cases: list[Case], config: Config, walls_m=None, preference: float = 0.5) -> CrowdWorlds:
     """Let a lidar arm of this kit drive some cases to their end.
 
     Args:
         arm: as in `deploy.make_driver`.
         cases: with equally many people each.
         config: of the robot and its senses.
+        walls_m: as in `CrowdWorlds`.
         preference: of the policy; the kit's default, as it ships.
     """
-    worlds, n = CrowdWorlds(cases, config), len(cases)
+    worlds, n = CrowdWorlds(cases, config, walls_m), len(cases)
     perception, driver = Perception(n, config), make_driver(arm, config)
     scenario, everybody = load_scenario("navigation"), np.ones(n, bool)
     sim: Any = worlds  # stands in for a `Simulation`
@@ -156,7 +168,7 @@ def _limits(config: Config) -> np.ndarray:
     return np.array([config.hardware.max_lin_vel, config.hardware.max_ang_vel])
 
 
-def row_of(people: int, arm: str, knows: str, radii: tuple[float, float], results: list[tuple[str, float]]) -> dict:
+def row_of(setting: str, people: int, arm: str, knows: str, radii, results: list[tuple[str, float]]) -> dict:
     """A row of the table from the outcomes of its cases; `radii` are the hull it plans with and is judged with [m]."""
     n, kinds = len(results), [kind for kind, _ in results]
     successes = kinds.count("success")
@@ -164,17 +176,18 @@ def row_of(people: int, arm: str, knows: str, radii: tuple[float, float], result
     rates = [successes / n, *wilson_interval(successes, n), *exact_interval(successes, n)]
     rest = [kinds.count("collision") / n, kinds.count("timeout") / n, np.mean(times) if times else np.nan]
     known = KNOWN.get((arm, people), (None, None, None))
-    return dict(zip(COLUMNS, [people, arm, knows, *radii, n, *rates, *rest, *known], strict=True))
+    return dict(zip(COLUMNS, [setting, people, arm, knows, *radii, n, *rates, *rest, *known], strict=True))
 
 
 def crowdnav_table(
-    people=(5, 10), arms=("ppo", "cv_sampling", "cv_sampling+"), cases: int = TEST_CASES, config=None, on_row=None
+    people=(5, 10), arms=("ppo", "cv_sampling"), walled=("ppo",), cases: int = TEST_CASES, config=None, on_row=None
 ) -> pd.DataFrame:
     """The protocol's table: its own arms, and this kit's on lidar alone, judged by their hull and by the robot's own.
 
     Args:
         people: how many, a block of rows each.
         arms: of this kit, as in `deploy.make_driver`; a + behind a planner lets it plan with the protocol's hull.
+        walled: arms that also run with walls around, to see whether the open plane is what they fail at.
         cases: test cases, from the first.
         config: of the robot; the defaults if None.
         on_row: called with the table after each arm, since the whole takes minutes.
@@ -184,17 +197,17 @@ def crowdnav_table(
         drawn = [make_case(TEST_SEED + k, count) for k in tqdm(range(cases), f"{count} people", leave=False)]
         for name, choose in HOLONOMIC.items():
             results = [run_holonomic(case, choose) for case in drawn]
-            rows.append(row_of(count, name, "true positions and velocities", (RADIUS_M, RADIUS_M), results))
-        for arm in arms:
+            rows.append(row_of("protocol", count, name, "true positions and velocities", (RADIUS_M, RADIUS_M), results))
+        for arm, walls_m in [*((arm, None) for arm in arms), *((arm, WALLS_M) for arm in walled)]:
             own = with_overrides(config, {"robot.hull_radius_m": RADIUS_M}) if arm.endswith("+") else config
             worlds = [
-                drive_cases(arm.rstrip("+"), drawn[first : first + WORLDS], own)
+                drive_cases(arm.rstrip("+"), drawn[first : first + WORLDS], own, walls_m)
                 for first in tqdm(range(0, cases, WORLDS), f"{count} people, {arm}", leave=False)
             ]
-            plans_with = own.robot.hull_radius_m
+            plans_with, setting = own.robot.hull_radius_m, "protocol" if walls_m is None else "walls added"
             for hull, judged_with in enumerate(dict.fromkeys((RADIUS_M, plans_with))):
                 results = [result for block in worlds for result in block.outcomes(hull)]
-                rows.append(row_of(count, arm.rstrip("+"), "lidar", (plans_with, judged_with), results))
+                rows.append(row_of(setting, count, arm.rstrip("+"), "lidar", (plans_with, judged_with), results))
             if on_row is not None:
                 on_row(pd.DataFrame(rows, columns=COLUMNS))
     return pd.DataFrame(rows, columns=COLUMNS)

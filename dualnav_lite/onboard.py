@@ -91,7 +91,6 @@ for k in range(len(log["scan"])):
     times.append(time.process_time() - begin)
     worst = max(worst, float(np.abs([v, omega] - log["action"][k]).max()))
 times = np.array(times[WARM_UP:])
-# scipy is not looked for: numba imports it by itself where it happens to be installed.
 foreign = sorted({"torch", "pymunk", "gymnasium", "pydantic", "pandas"} & set(sys.modules))
 numbers = {
     "frames": len(times),

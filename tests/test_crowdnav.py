@@ -23,6 +23,7 @@ from dualnav_lite.crowdnav import (
     sampling_arm,
 )
 from dualnav_lite.crowdnav_robot import CrowdWorlds, crowdnav_table
+from dualnav_lite.lidar import Lidar
 
 
 def walkers(place, velocity, steps=98):
@@ -79,11 +80,30 @@ def test_the_robot_is_judged_between_its_steps():
         assert np.isfinite(worlds.contact_s[0]).tolist() == [gap < 0.6, gap < 0.5]
 
 
+def test_walls_stand_where_they_were_asked_for():
+    case = walkers([[0.0, 30.0]], [[0.0, 0.0]])
+    worlds, open_plane = CrowdWorlds([case], Config(), walls_m=6.0), CrowdWorlds([case], Config())
+    lidar = Lidar(Config().lidar, 1)
+    ranges = lidar.cast(worlds.poses, worlds.scene)[0][0]
+    assert ranges[0] == pytest.approx(2.0)  # behind: from (0, -4), heading up, to the wall at y = -6
+    assert ranges[270] == pytest.approx(6.0)  # to the right
+    assert ranges[810] == pytest.approx(6.0)
+    assert lidar.cast(open_plane.poses, open_plane.scene)[0].min() == 10.0
+
+
 def test_table_holds_a_row_an_arm_and_hull():
-    table = crowdnav_table((2,), ("cv_sampling", "cv_sampling+"), cases=2)
-    assert table.arm.tolist() == ["orca", "constant_velocity_sampling", "cv_sampling", "cv_sampling", "cv_sampling"]
-    assert table.judged_with_m.tolist() == [0.3, 0.3, 0.3, 0.2, 0.3]
-    assert (table.success_rate + table.collision_rate + table.timeout_rate).to_numpy() == pytest.approx(np.ones(5))
+    table = crowdnav_table((2,), ("cv_sampling", "cv_sampling+"), ("straight",), cases=2)
+    assert table.arm.tolist() == [
+        "orca",
+        "constant_velocity_sampling",
+        "cv_sampling",
+        "cv_sampling",
+        "cv_sampling",
+        *["straight"] * 2,
+    ]
+    assert table.setting.tolist() == ["protocol"] * 5 + ["walls added"] * 2
+    assert table.judged_with_m.tolist() == [0.3, 0.3, 0.3, 0.2, 0.3, 0.3, 0.2]
+    assert (table.success_rate + table.collision_rate + table.timeout_rate).to_numpy() == pytest.approx(np.ones(7))
     assert ((table.exact_low <= table.success_rate) & (table.success_rate <= table.exact_high)).all()
 
 
