@@ -145,6 +145,9 @@ def _onnx(model: Deployed, example, card) -> bytes:
     finally:
         logger.setLevel(level)
     proto = program.model_proto
+    for part in (*proto.graph.node, *proto.graph.input, *proto.graph.output, *proto.graph.value_info, proto.graph):
+        del part.metadata_props[:]  # where in whose files each operator came from
+        part.doc_string = ""
     onnx.helper.set_model_props(proto, {"card": json.dumps(card)})
     return proto.SerializeToString()
 
