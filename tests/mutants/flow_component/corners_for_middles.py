@@ -1,0 +1,14 @@
+# hint: a cell's middle is at
+import numpy as np
+
+
+def flow_component(flow, component):
+    middles = 32.0 - np.arange(64)
+    ahead, left = np.meshgrid(middles, middles, indexing="ij")
+    if component == "x":
+        image = -flow[..., 1]
+    elif component == "speed":
+        image = np.sqrt(flow[..., 0] ** 2 + flow[..., 1] ** 2)
+    else:
+        image = -(flow[..., 0] * ahead + flow[..., 1] * left) / np.maximum(np.hypot(ahead, left), 1e-9)
+    return np.clip(image / 1.5, -1.0, 1.0)
