@@ -14,6 +14,7 @@ LESSONS: dict[str, tuple[str, ...]] = {
     "02_lidar": ("cast_scan", "scan_noise"),
     "03_map": ("log_odds", "cache"),
     "04_motion_field": ("compensate", "flow_component"),
+    "05_predictor": ("constant_velocity", "displacement_errors"),
     "06_encoder": ("paint_bands", "project_intensity", "encode_state"),
     "07_rewards": ("safe", "goal", "reward_terms", "reward_weights"),
     "08_environment": ("closed_loop",),

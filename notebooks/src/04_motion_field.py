@@ -284,7 +284,7 @@ def draw_channels(k):
 
 
 if quick:
-    draw_channels(at)
+    draw_channels(max(range(2, len(crowd)), key=lambda k: np.abs(crowd[k][5]).sum()))
     plt.show()
 else:
     display(film([photo(draw_channels(k)) for k in range(2, len(crowd), 2)], 200, 900))

@@ -1,0 +1,13 @@
+# hint: not the root of the mean square
+import numpy as np
+
+
+def displacement_errors(predicted, happened):
+    distances = np.linalg.norm(predicted - happened, axis=-1)
+    return {
+        "ade_m": np.sqrt(np.mean(distances**2)),
+        "fde_1s_m": distances[:, 9].mean(),
+        "fde_2s_m": distances[:, 19].mean(),
+        "hit_1s": np.mean(distances[:, 9] <= 0.3),
+        "hit_2s": np.mean(distances[:, 19] <= 0.5),
+    }

@@ -1,0 +1,13 @@
+# hint: an error is a distance
+import numpy as np
+
+
+def displacement_errors(predicted, happened):
+    distances = np.square(predicted - happened).sum(axis=-1)
+    return {
+        "ade_m": distances.mean(),
+        "fde_1s_m": distances[:, 9].mean(),
+        "fde_2s_m": distances[:, 19].mean(),
+        "hit_1s": np.mean(distances[:, 9] <= 0.3),
+        "hit_2s": np.mean(distances[:, 19] <= 0.5),
+    }
