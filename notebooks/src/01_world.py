@@ -78,13 +78,13 @@ tracks = {pair: track_of(*pair) for pair in PAIRS}
 
 def draw_until(steps):
     """The tracks up to a step."""
-    figure, axis = plt.subplots(figsize=(8, 3.2))
+    figure, axis = plt.subplots(figsize=(8, 4))
     for pair, colour in PAIRS.items():
         x, y, heading = tracks[pair][:steps].T
         axis.plot(x, y, color=colour, label=f"left {pair[0]}, right {pair[1]} m/s")
         ahead = 0.2 * np.array([np.cos(heading[-1]), np.sin(heading[-1])])
         axis.plot([x[-1], x[-1] + ahead[0]], [y[-1], y[-1] + ahead[1]], color=colour, linewidth=4)
-    axis.set(xlim=(-0.6, 2.9), ylim=(-0.3, 1.6), aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    axis.set(xlim=(-0.7, 2.8), ylim=(-0.3, 2.6), aspect="equal", xlabel="x [m]", ylabel="y [m]")
     figure.legend(loc="outside right upper", fontsize=8)
     return figure
 
