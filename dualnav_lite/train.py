@@ -13,13 +13,14 @@ from dualnav_lite.config import UnusableInput, dump_config, write_atomic
 from dualnav_lite.curriculum import Stage, Training, load_training, resolved_config, runs_folder, scenarios_of
 from dualnav_lite.encoder import num_channels
 from dualnav_lite.env import DynamicNavVectorEnv
-from dualnav_lite.imitation import imitate, load_weights, save_weights
+from dualnav_lite.imitation import imitate
 from dualnav_lite.parallel_env import ParallelVectorEnv
 from dualnav_lite.policy import Actor, Critic, make_actor, trunk_for
 from dualnav_lite.ppo import Batch, collect, make_optimizers, update
 from dualnav_lite.progress import Log, Reporter
 from dualnav_lite.rewards import TERMS
 from dualnav_lite.rollout import RunningDeviation
+from dualnav_lite.weights import load_weights, save_weights
 
 
 class TrainingStopped(RuntimeError):

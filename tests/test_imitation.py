@@ -6,24 +6,12 @@ from dualnav_lite import streams
 from dualnav_lite.config import Config, Hardware, with_overrides
 from dualnav_lite.encoder import BANDS
 from dualnav_lite.env import DynamicNavVectorEnv, split_infos
-from dualnav_lite.imitation import (
-    MIRRORED_BANDS,
-    Imitation,
-    Labels,
-    Teacher,
-    collect,
-    fit,
-    imitate,
-    imitation_loss,
-    load_weights,
-    mirrored,
-    pack,
-    save_weights,
-    unpack,
-)
+from dualnav_lite.imitation import Imitation, fit, imitate, imitation_loss
 from dualnav_lite.kernels import sampling as kernels
+from dualnav_lite.labels import MIRRORED_BANDS, Labels, Teacher, collect, mirrored, pack, unpack
 from dualnav_lite.planners.sampling import Ceiling, command_grid
 from dualnav_lite.policy import make_actor, split_observations
+from dualnav_lite.weights import load_weights, save_weights
 
 DRAWN = with_overrides(Config(), {"preference": "drawn"})
 SMALL = Imitation(

@@ -15,9 +15,9 @@ from dualnav_lite.config import UnusableInput
 from dualnav_lite.curriculum import Training, load_training, runs_folder
 from dualnav_lite.deploy import EmbeddedPolicy
 from dualnav_lite.env import DynamicNavEnv
-from dualnav_lite.imitation import load_weights
 from dualnav_lite.progress import Log, Reporter
 from dualnav_lite.train import Trainer, TrainingStopped, train
+from dualnav_lite.weights import load_weights
 
 TRAINING = Path(__file__).parent.parent / "training"
 SHORT = {

@@ -1,0 +1,203 @@
+"""What the warm start learns from: the ceiling planner's costs in the states that the student gets itself into."""
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import joblib
+import numpy as np
+import torch
+
+from dualnav_lite import streams
+from dualnav_lite.command_reader import CommandReader
+from dualnav_lite.config import Config, write_atomic
+from dualnav_lite.env import DynamicNavVectorEnv
+from dualnav_lite.kernels import sampling as kernels
+from dualnav_lite.planners.sampling import Ceiling
+from dualnav_lite.policy import Actor, split_observations
+from dualnav_lite.weights import load_weights
+
+PIXEL_STEPS = 127  # images are kept as int8; a pixel is off by at most 1/254
+MIRRORED_BANDS = (1, 4, 6)  # omega, goal_sin, guide_sin change sign when left and right are swapped
+
+
+class Teacher(Ceiling):
+    """The ceiling planner with a taste: what preference and charge ask for changes its speed and its margins.
+
+    Thrift t = 2 p (1 + 3 (1 - charge)) is the factor of the energy reward. The speed of least energy a metre is
+    0.5 m/s (SPEC 8); a robot without thrift drives at the limit.
+    """
+
+    THRIFTY_M_S, FREE_M_S = 0.5, 0.8
+    THRIFT_SCALE = 1.2
+    SPEEDING_COST = 1.2  # [m of way] for each m/s above the wanted speed; a collision costs more
+
+    def costs_of(self, worlds: Sequence[int], infos: dict[str, Any]) -> np.ndarray:
+        """(k, commands) costs [m of way] of the commands, for some worlds of a vector environment's infos."""
+        costs = np.empty((len(worlds), len(self._commands)))
+        usual = self._parameters
+        for row, i in enumerate(worlds):
+            truth = {name: values[i] for name, values in infos["truth"].items()}
+            preference, charge = float(infos["preference"][i]), float(infos["battery"][i])
+            wanted = self.wanted_speed(preference, charge)
+            self._parameters = usual.copy()
+            # What follows a command is driven at the wanted speed too, else it would always speed up later.
+            self._parameters[kernels.MAX_V] = wanted
+            self._parameters[[kernels.STATIC_SOFT, kernels.MOVING_SOFT]] *= 1.4 - 0.8 * preference
+            self._score(i, {"truth": truth}, costs[row])
+            costs[row] += self.SPEEDING_COST * np.maximum(self._commands[:, 0] - wanted, 0.0)
+        self._parameters = usual
+        return costs
+
+    def wanted_speed(self, preference: float, charge: float) -> float:
+        """Cruising speed [m/s]: from the limit without thrift to the one of least energy."""
+        thrift = 2.0 * preference * (1.0 + 3.0 * (1.0 - charge))
+        span = self.FREE_M_S - self.THRIFTY_M_S
+        return self.THRIFTY_M_S + span * float(np.exp(-((thrift / self.THRIFT_SCALE) ** 2)))
+
+
+def pack(observations) -> tuple[np.ndarray, np.ndarray]:
+    """Images as int8 (n, C - 1, 64, 64) and bands as float32 (n, 10): 12 KiB an observation instead of 64."""
+    images, bands = split_observations(torch.from_numpy(observations))
+    return torch.round(images * PIXEL_STEPS).to(torch.int8).numpy(), bands.numpy()
+
+
+def unpack(images, bands):
+    """Float tensors (n, C - 1, 64, 64) and (n, 10) of packed arrays."""
+    return torch.from_numpy(images).float().div_(PIXEL_STEPS), torch.from_numpy(bands)
+
+
+@dataclass
+class Labels:
+    """Packed observations and the teacher's costs above its best (float16, capped), read from disk where they lie.
+
+    `survived` holds, for every episode that ended while they were collected, whether it reached its goal.
+    """
+
+    images: np.ndarray
+    bands: np.ndarray
+    costs: np.ndarray
+    survived: np.ndarray
+
+    CAP_M = 60.0  # beyond it costs are alike
+    PARTS = ("images", "bands", "survived", "costs")  # in the order in which they are written
+
+    @classmethod
+    def load(cls, stem: Path) -> "Labels":
+        """The shard of `save` with this stem."""
+        return cls(**{name: np.load(f"{stem}.{name}.npy", mmap_mode="r") for name in cls.PARTS})
+
+    def save(self, stem: Path) -> None:
+        """Write the shard; `costs` last, so that a shard which has them is whole."""
+        for name in self.PARTS:
+            buffer = io.BytesIO()
+            np.save(buffer, getattr(self, name))
+            write_atomic(f"{stem}.{name}.npy", buffer.getvalue())
+
+    @staticmethod
+    def exists(stem: Path) -> bool:
+        """Whether the shard was saved whole."""
+        return Path(f"{stem}.costs.npy").exists()
+
+    def __len__(self) -> int:
+        return len(self.costs)
+
+
+def collect(actor: Actor | None, settings, config: Config, scenarios, seed: int, progress=None) -> Labels:
+    """One shard of labels, from worlds that the student drives, or the teacher where there is no student yet.
+
+    Args:
+        actor: the student or None.
+        settings, config: how; `config.preference` should be "drawn".
+        scenarios: ids or paths, from which each episode draws one.
+        seed: of this shard; worlds, noise and the choice of labelled steps follow from it.
+        progress: called with the number of new labels.
+
+    Returns:
+        `Labels` with exactly `settings.shard_labels` rows.
+    """
+    n = settings.worlds
+    rng = streams.stream(seed, "imitation")
+    env = DynamicNavVectorEnv(n, config, scenarios, truth=True)
+    observations, infos = env.reset(seed=rng.integers(1_000_000, size=n).tolist())
+    teacher, reader = Teacher(config), CommandReader(Ceiling(config).grid, settings.memory)
+    teacher.reset(range(n))
+    commands = teacher.grid.reshape(-1, 2)
+    noisy_until, noise, step = np.zeros(n, int), np.zeros((n, 2)), 0
+    kept: dict[str, list[np.ndarray]] = {"images": [], "bands": [], "costs": []}
+    survived: list[bool] = []
+    count = 0
+    while count < settings.shard_labels:
+        labelled = np.arange(n) if actor is None else np.flatnonzero(rng.random(n) < settings.label_share)
+        labelled = labelled[~infos["idle"][labelled]]
+        if len(labelled):
+            costs = teacher.costs_of(labelled.tolist(), infos)
+            images, bands = pack(observations[labelled])
+            kept["images"].append(images)
+            kept["bands"].append(bands)
+            above = costs - costs.min(axis=1, keepdims=True)
+            kept["costs"].append(np.minimum(above, Labels.CAP_M).astype(np.float16))
+            count += len(labelled)
+        if actor is None:
+            actions = np.zeros((n, 2))
+            actions[labelled] = commands[costs.argmin(axis=1)]
+        else:
+            with torch.no_grad():
+                probabilities = actor(torch.from_numpy(observations)).exp().numpy()
+            actions = reader(probabilities)
+        # Bursts of three to eight random steps: single ones vanish in the robot's inertia.
+        begin = (rng.random(n) < settings.noise_share / 5.0) & (noisy_until <= step)
+        noisy_until[begin] = step + rng.integers(3, 9, size=int(begin.sum()))
+        noise[begin] = commands[rng.integers(len(commands), size=int(begin.sum()))]
+        actions = np.where((noisy_until > step)[:, None], noise, actions)
+        observations, _, terminations, truncations, infos = env.step(actions)
+        ended = np.flatnonzero(terminations | truncations)
+        if len(ended):
+            survived += (infos["episode"]["outcome"][ended] == "goal").tolist()
+        teacher.reset(ended)
+        reader.reset(ended)
+        step += 1
+        if progress:
+            progress(len(labelled))
+    env.close()
+    joined = {name: np.concatenate(parts)[: settings.shard_labels] for name, parts in kept.items()}
+    return Labels(**joined, survived=np.array(survived, bool))
+
+
+def collect_shard(stem: Path, actor_path: Path | None, make_actor, settings, config, scenarios, seed: int) -> None:
+    """Collect one shard and save it; nothing where it exists. What a worker process runs."""
+    if Labels.exists(stem):
+        return
+    torch.set_num_threads(1)
+    actor = None
+    if actor_path is not None:
+        actor = make_actor()
+        actor.load_state_dict(load_weights(actor_path))
+    collect(actor, settings, config, scenarios, seed).save(stem)
+
+
+def collect_round(number: int, folder: Path, actor_path, make_actor, settings, config, scenarios, seed, jobs):
+    """All shards of a round, on `jobs` processes; what exists is not collected again.
+
+    Returns:
+        Stems of the shards, the same for any number of processes.
+    """
+    shards = settings.first_round_shards if number == 0 else settings.round_shards
+    stems = [Path(folder) / f"round_{number:02d}_{k:02d}" for k in range(shards)]
+    calls = []
+    for k, stem in enumerate(stems):
+        shard_seed = int(streams.stream(seed, f"round {number} shard {k}").integers(2**31))
+        student = None if number == 0 else actor_path
+        calls.append(joblib.delayed(collect_shard)(stem, student, make_actor, settings, config, scenarios, shard_seed))
+    joblib.Parallel(n_jobs=jobs)(calls)
+    return stems
+
+
+def mirrored(images, bands, costs, grid_shape):
+    """The same situations with left and right swapped: three fresh arrays."""
+    bands = bands.copy()
+    bands[:, MIRRORED_BANDS] *= -1.0
+    swapped = costs.reshape(-1, *grid_shape)[:, :, ::-1].reshape(costs.shape)
+    return np.ascontiguousarray(images[..., ::-1]), bands, np.ascontiguousarray(swapped)
