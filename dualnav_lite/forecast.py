@@ -116,15 +116,7 @@ class LstmPredictor:
         return forecast(told, outputs)
 
     def __call__(self, scans, poses):
-        """Where movers will be, from the last ten scans afresh.
-
-        Args:
-            scans: (n, 10, beams, 2), oldest first.
-            poses: (n, 10, 3) odometry.
-
-        Returns:
-            positions (n, K, STEPS, 2) [m], velocities (n, K, 2) [m/s], valid (n, K), in the newest robot frame.
-        """
+        """Where movers will be, from ten scans afresh; takes and gives what `ConstantVelocityPredictor` does."""
         prediction = self.correct(*follow(scans, poses), poses, scans[:, -1])
         return prediction.positions, prediction.velocities, prediction.valid
 

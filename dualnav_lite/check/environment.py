@@ -62,7 +62,7 @@ def _looped(mine, claim, length, how):
     def looped(seed):
         try:
             return mine(diary, _follow, seed)
-        except NotImplementedError:
+        except NotImplementedError:  # a RuntimeError too, but the stub's own: `call` tells what it means
             raise
         except RuntimeError as error:
             hold(claim, False, f"an episode of {length} steps, {how}", "", str(error), STOP)

@@ -127,21 +127,24 @@ def is_close(got: Any, expected: Any, close: float = CLOSE) -> bool:
     return got.shape == expected.shape and np.allclose(got, expected, rtol=close, atol=close, equal_nan=False)
 
 
+def verdict_on(error: Exception, claim: Text, given: str, expected: Any, hint: Text | None = None) -> Exception:
+    """What to raise for an error inside the student's function: `NotDone` for a stub alone, else `Wrong`."""
+    if isinstance(error, NotImplementedError) and str(error).startswith("exercise "):
+        return NotDone()
+    return Wrong(claim, given, expected, f"{type(error).__name__}: {error}", hint)
+
+
 def call(claim: Text, mine: Callable, given: Mapping[str, Any]) -> Any:
     """What the student's function answers; whatever goes wrong in it becomes a `Wrong` with the input beside it."""
     handed = copy.deepcopy(dict(given))
     before = copy.deepcopy(handed)
     try:
         got = mine(*handed.values())
-    except NotImplementedError as error:
-        if str(error).startswith("exercise "):
-            raise NotDone from None
-        raise Wrong(claim, shown(given), RAISED, f"NotImplementedError: {error}") from None
     except Wrong:
         raise
     except Exception as error:
         hint = next((text for words, text in MEANINGS.items() if words in str(error)), None)
-        raise Wrong(claim, shown(given), RAISED, f"{type(error).__name__}: {error}", hint) from None
+        raise verdict_on(error, claim, shown(given), RAISED, hint) from None
     if got is None:
         raise Wrong(claim, shown(given), "", "None", NOTHING)
     for name, value in before.items():

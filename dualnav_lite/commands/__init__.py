@@ -1,0 +1,31 @@
+"""The command line: one app, what its commands share, and a file for each group of commands."""
+
+import os
+from typing import Annotated
+
+import typer
+
+from dualnav_lite.config import UnusableInput
+from dualnav_lite.episodes import SEEDS
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+TEST_SEED = SEEDS["test"].start
+CORES = os.cpu_count() or 1
+
+Seeds = Annotated[int, typer.Option(min=0, help="First seed; 2000000 upward are the published test seeds.")]
+Episodes = Annotated[int, typer.Option(min=1, help="Seeds of each scenario.")]
+Jobs = Annotated[int, typer.Option(min=1, help="Worker processes.")]
+Shard = Annotated[str, typer.Option(help="k/n: run every n-th chunk from the k-th.")]
+Cluster = Annotated[str, typer.Option(help="tcp://host:port of a Dask scheduler in place of --jobs.")]
+
+
+def words(text: str) -> list[str]:
+    """The parts of a comma-separated option.
+
+    Raises:
+        UnusableInput: there are none.
+    """
+    found = [part.strip() for part in text.split(",") if part.strip()]
+    if not found:
+        raise UnusableInput(f"expected names separated by commas, got '{text}'")
+    return list(dict.fromkeys(found))

@@ -1,0 +1,99 @@
+"""The stress suite: run it, and bring its shards together."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dualnav_lite.commands import CORES, TEST_SEED, Cluster, Episodes, Jobs, Seeds, Shard, app, words
+
+Arms = Annotated[str, typer.Option(help="Arms, separated by commas, or all; ppo,ppo_filter if empty.")]
+LongRuns = Annotated[int, typer.Option(min=1, help="Seeds of the three-hour scenario, driven by the first arm.")]
+Quick = Annotated[bool, typer.Option("--quick", help="5 seeds and one three-hour run.")]
+Preference = Annotated[float, typer.Option(min=0, max=1, help="0 all safety, 1 all thrift.")]
+Results = Annotated[Path | None, typer.Option(help="Results folder; stress_tests/results if not given.")]
+
+
+def stress_plan(arms, episodes, long_runs, quick, seed_base, jobs, shard, cluster, preference, out):
+    """What the options of `stress` and `merge` ask for, checked before anything runs."""
+    from dualnav_lite.stress import FOLDER, POLICY_ARMS, Plan, all_arms, shard_of
+    from dualnav_lite.workers import checked_address
+
+    chosen = all_arms() if arms == "all" else words(arms or ",".join(POLICY_ARMS))
+    shard_of(shard)
+    return Plan(
+        arms=chosen,
+        episodes=5 if quick else episodes,
+        long_arms=chosen if arms == "all" else chosen[:1],
+        long_runs=1 if quick else long_runs,
+        seed_base=seed_base,
+        jobs=jobs,
+        out=(out or FOLDER / "results").resolve(),
+        command=" ".join(["python -m dualnav_lite", *sys.argv[1:]]),
+        shard=shard,
+        cluster=checked_address(cluster) if cluster else "",
+        preference=preference,
+    )
+
+
+def show_stress(plan, tables, failed) -> int:
+    """Print who survived, what failed and where the rest is."""
+    from dualnav_lite.report import survival_lines
+
+    if tables:
+        print("\n".join(survival_lines(tables["survival"])))
+        print(f"\nreport, tables, figures and executed notebooks: {plan.out}")
+    else:
+        print(f"shard {plan.shard} is done: bring the shards' folders together by `merge`")
+    for what, reason in failed:
+        print(f"FAILED {what}: {reason}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+@app.command()
+def stress(
+    arms: Arms = "",
+    episodes: Episodes = 1000,
+    long_runs: LongRuns = 10,
+    quick: Quick = False,
+    seed_base: Seeds = TEST_SEED,
+    jobs: Jobs = CORES,
+    shard: Shard = "1/1",
+    cluster: Cluster = "",
+    preference: Preference = 0.5,
+    parts: Annotated[
+        Path | None, typer.Option(help="Folder of `status --export`: your encoder, rewards, policy.")
+    ] = None,
+    out: Results = None,
+) -> int:
+    """The stress scenarios through papermill; prints who survived. Stopped, the same command goes on."""
+    from dualnav_lite.pace import estimate
+    from dualnav_lite.stress import run_stress
+
+    if parts:
+        from dualnav_lite.parts import arms_with_parts
+
+        arms = ",".join(arms_with_parts(parts, words(arms) if arms else []))
+    plan = stress_plan(arms, episodes, long_runs, quick, seed_base, jobs, shard, cluster, preference, out)
+    if arms == "all":
+        print(estimate(plan), file=sys.stderr, flush=True)
+    return show_stress(plan, *run_stress(plan))
+
+
+@app.command()
+def merge(
+    folders: Annotated[str, typer.Argument(help="Results folders of the shards, separated by commas.")],
+    arms: Arms = "",
+    episodes: Episodes = 1000,
+    long_runs: LongRuns = 10,
+    quick: Quick = False,
+    seed_base: Seeds = TEST_SEED,
+    preference: Preference = 0.5,
+    out: Results = None,
+) -> int:
+    """Shards of `stress`, given the settings they ran with, to the tables of the whole."""
+    from dualnav_lite.stress import merge_shards
+
+    plan = stress_plan(arms, episodes, long_runs, quick, seed_base, 1, "1/1", "", preference, out)
+    return show_stress(plan, *merge_shards([Path(folder).resolve() for folder in words(folders)], plan))

@@ -1,0 +1,83 @@
+"""The course: its notebooks, the student version, and what is handed in."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dualnav_lite.commands import app
+from dualnav_lite.config import UnusableInput
+
+
+@app.command()
+def notebooks(
+    check: Annotated[bool, typer.Option("--check", help="Change nothing; exit 1 where something differs.")] = False,
+    take_back: Annotated[str, typer.Option(help="Bring an edit made in JupyterLab into the source, as in 00.")] = "",
+) -> int:
+    """Rebuild every notebook from its source in src/."""
+    from dualnav_lite import notebooks as pipeline
+
+    if take_back:
+        print(f"taken back into src/{pipeline.take_back(take_back).name}")
+        return 0
+    changed = pipeline.rebuild(check=check)
+    for path in changed:
+        print(f"{'differs from its source' if check else 'rebuilt'}: {path.parent.name}/{path.name}")
+    if not changed:
+        print("every notebook is what its source makes")
+    return 1 if check and changed else 0
+
+
+@app.command()
+def release(
+    out: Annotated[Path, typer.Argument(help="A folder that is not there yet.")],
+    lessons_only: Annotated[
+        bool, typer.Option("--lessons-only", help="The notebooks alone; keeps those there.")
+    ] = False,
+) -> int:
+    """The student version: stubs in place of solutions, the library whole."""
+    from dualnav_lite import course
+
+    if lessons_only:
+        written = course.write_lessons(out)
+        print(f"{len(written)} lessons written to {out}" if written else f"every lesson is in {out} already")
+        return 0
+    print(f"student version: {course.release(out)}")
+    return 0
+
+
+@app.command()
+def status(
+    folder: Annotated[Path, typer.Argument(help="Folder with the lessons' notebooks.")] = Path("notebooks"),
+    export: Annotated[Path | None, typer.Option(help="Write your parts here, for `stress --parts`.")] = None,
+    lang: Annotated[str | None, typer.Option(help="en or zh; $DUALNAV_LANG if not given.")] = None,
+) -> int:
+    """Which exercises pass, and whose part is used for each; with --export, your parts as a folder."""
+    from dualnav_lite import parts
+
+    if not folder.is_dir():
+        raise UnusableInput(f"{folder}: no such folder")
+    parts.status(folder, lang)
+    if export:
+        found = parts.export_parts(folder, export)
+        print(f"{sum(one.is_yours for one in found.values())} of your parts: {export}")
+    return 0
+
+
+@app.command()
+def submit(
+    student: Annotated[str, typer.Argument(help="Your id, as your teacher knows it.")],
+    folder: Annotated[Path, typer.Option(help="Folder with your notebooks.")] = Path("notebooks"),
+    out: Annotated[Path | None, typer.Option(help="submission_STUDENT if not given.")] = None,
+    episodes: Annotated[int, typer.Option(min=0, help="Runs of each scenario; 0 leaves them out.")] = 50,
+) -> int:
+    """Check your notebooks, drive your policy a little, and pack the folder that is handed in."""
+    from dualnav_lite import submission
+
+    if not folder.is_dir():
+        raise UnusableInput(f"{folder}: no such folder")
+    target = submission.pack(folder, student, out or Path(f"submission_{student}"))
+    if episodes:
+        submission.try_out(folder, target, episodes)
+    print(f"hand in this folder: {target}")
+    return 0
