@@ -29,22 +29,24 @@ class CommandReader:
             self._is_first = np.concatenate([self._is_first, np.ones(missing, bool)])
         self._is_first[indices] = True
 
-    def __call__(self, probabilities):
-        """Commands of all worlds.
+    def __call__(self, probabilities, worlds=None):
+        """Commands of some worlds; the others' votes stay as they are.
 
         Args:
             probabilities: (n, rows * columns).
+            worlds: (n,) which they are about; 0 to n - 1 if None.
 
         Returns:
             (n, 2) float64 v [m/s], omega [rad/s].
         """
-        n = len(probabilities)
-        if n > len(self._votes):
-            self.reset(np.arange(len(self._votes), n))
-        fresh = np.asarray(probabilities, float).reshape(n, *self._grid.shape[:2])
-        share = np.where(self._is_first[:n], 0.0, self._memory)[:, None, None]
-        votes = share * self._votes[:n] + (1.0 - share) * fresh
-        self._votes[:n], self._is_first[:n] = votes, False
+        worlds = np.arange(len(probabilities)) if worlds is None else np.asarray(worlds)
+        known, needed = len(self._votes), int(worlds.max(initial=-1)) + 1
+        if needed > known:
+            self.reset(np.arange(known, needed))
+        fresh = np.asarray(probabilities, float).reshape(len(worlds), *self._grid.shape[:2])
+        share = np.where(self._is_first[worlds], 0.0, self._memory)[:, None, None]
+        votes = share * self._votes[worlds] + (1.0 - share) * fresh
+        self._votes[worlds], self._is_first[worlds] = votes, False
         return self._read(votes)
 
     def _read(self, votes):

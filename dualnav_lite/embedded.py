@@ -75,9 +75,15 @@ class EmbeddedPolicy:
         return self._run(state)
 
     def act(self, observations, infos=None) -> np.ndarray:
-        """(n, 2) float64 v [m/s], omega [rad/s] for n worlds; infos are not read."""
-        output = self.output(observations)
-        return self._reader(output) if self._reader else output.astype(float)
+        """(n, 2) float64 v [m/s], omega [rad/s] for n worlds; zero, unasked, where no goal is open (`info["idle"]`)."""
+        observations = np.asarray(observations)
+        commands, asked = np.zeros((len(observations), 2)), np.arange(len(observations))
+        if infos is not None:
+            asked = np.flatnonzero([not info.get("idle", False) for info in infos])
+        if len(asked):
+            output = self.output(observations[asked])
+            commands[asked] = self._reader(output, asked) if self._reader else output
+        return commands
 
     def get_action(self, state) -> np.ndarray:
         """(2,) v [m/s], omega [rad/s] from a (1, C, 64, 64) array or tensor: `act` for one robot."""

@@ -81,6 +81,22 @@ def test_actions_lie_within_the_limits_and_remember_only_until_a_reset(exported)
     assert (np.abs(actions) <= np.array([0.8, 1.2]) + 1e-9).all()
 
 
+def test_a_world_without_an_open_goal_is_not_asked_about_and_keeps_its_votes(exported):
+    policy, twin = EmbeddedPolicy(exported[1]["onnx"]), EmbeddedPolicy(exported[1]["onnx"])
+    states, asked = some_states(3, seed=5), []
+    output = policy.output
+    policy.output = lambda observations: asked.append(len(observations)) or output(observations)
+    policy.act(states, [{"idle": False}] * 3)
+    commands = policy.act(states[::-1], [{"idle": False}, {"idle": True}, {"idle": False}])
+    assert asked == [3, 2]
+    assert not commands[1].any()
+    twin.act(states)
+    expected = twin.act(states[::-1])
+    assert np.array_equal(commands[[0, 2]], expected[[0, 2]])
+    policy.act(states, [{"idle": True}] * 3)
+    assert asked == [3, 2]
+
+
 def test_files_know_what_they_were_trained_with(exported):
     for ending in ("pt", "onnx"):
         policy = EmbeddedPolicy(exported[1][ending], Config())
