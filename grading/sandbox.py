@@ -316,7 +316,10 @@ class Sandbox:
 
     def _start_bwrap(self, program: list[str], environment: dict[str, str]) -> None:
         limits, megabyte = self._job.limits, 1 << 20
-        options = _isolation()
+        options = [*_isolation(), "--proc", "/proc", "--dev", "/dev"]
+        options += ["--perms", "1777", "--size", str(16 * megabyte), "--tmpfs", "/dev/shm"]
+        # Before the interpreter's folders: a checkout may lie in /tmp itself.
+        options += ["--perms", "1777", "--size", str(limits.disk_mb * megabyte), "--tmpfs", "/tmp"]
         for path in _system():
             for parent in reversed(Path(path).parents[:-1]):  # else bubblewrap makes them for root's eyes alone
                 options += ["--perms", "0755", "--dir", str(parent)]
@@ -326,9 +329,6 @@ class Sandbox:
                 options += ["--ro-bind", path, path]
         for path in _hidden():
             options += ["--size", "4096", "--tmpfs", path, "--remount-ro", path]
-        options += ["--proc", "/proc", "--dev", "/dev"]
-        options += ["--perms", "1777", "--size", str(16 * megabyte), "--tmpfs", "/dev/shm"]
-        options += ["--perms", "1777", "--size", str(limits.disk_mb * megabyte), "--tmpfs", "/tmp"]
         options += ["--ro-bind", str(self.folder / "grader"), "/grader"]
         if self._job.packages:  # the mount point must be there before the read-only mount
             (self.folder / "grader" / "packages").mkdir()

@@ -1,6 +1,7 @@
 """Grading: the sandbox denies, the scorer tells right from wrong, intake opens nothing hostile, tables stay inert."""
 
 import os
+import shutil
 import stat
 import types
 from pathlib import Path
@@ -28,7 +29,9 @@ WANTED = frozenset({"07_rewards.ipynb"})
 
 
 def test_tier_a_denies_everything_that_it_promises():
-    """Fails, and does not skip, where no sandbox works: nobody could be graded there."""
+    """In CI it fails, and does not skip, where no sandbox works: nobody could be graded there."""
+    if shutil.which("bwrap") is None and not os.environ.get("DUALNAV_NO_SKIPS"):
+        pytest.skip("bubblewrap is not installed: only who grades needs it (python kit.py doctor)")
     assert choose_tier() == "A"
     found = probe("A")
     assert len(found) >= 29
