@@ -44,9 +44,7 @@ class Robot(Frozen):
     pid_ki: NonNegative = 4.0
     pid_kd: NonNegative = 0.01
     odometry_distance_drift: NonNegative = 0.01  # standard deviation of the scale error of an episode
-    odometry_heading_drift: NonNegative = (
-        0.005  # standard deviation of the turning scale error of an episode, with a gyro
-    )
+    odometry_heading_drift: NonNegative = 0.01  # standard deviation of the turning scale error of an episode
 
 
 class Power(Frozen):
