@@ -79,7 +79,8 @@ def grade(
     unsafe_no_sandbox: Annotated[bool, typer.Option("--unsafe-no-sandbox", help="Run code of others as you.")] = False,
 ) -> int:
     """Grade submissions in sandboxes; the same command goes on where it was stopped."""
-    from grading.grade import grade_class, prepared
+    from grading.grade import grade_class
+    from grading.room import prepared
     from grading.rubric import RUBRIC, load_rubric
     from grading.sandbox import Limits, choose_tier
     from grading.secret import load_secret

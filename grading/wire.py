@@ -171,7 +171,7 @@ def describe(header: bytes, payload: int) -> tuple[str, int, str, list]:
     return kind, number, word, arrays
 
 
-def unpack(header: bytes, payload: bytes) -> tuple[str, int, str, dict[str, np.ndarray]]:
+def unpack(header: bytes, payload: bytes | bytearray) -> tuple[str, int, str, dict[str, np.ndarray]]:
     """Kind, id, word and arrays of a frame without its prefix."""
     kind, number, word, told = describe(header, len(payload))
     arrays, start = {}, 0

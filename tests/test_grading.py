@@ -12,11 +12,12 @@ import pytest
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.exercises import student_notebook
 from grading.adapters import ADAPTERS
-from grading.grade import NOTEBOOKS, grade_class, prepared
+from grading.grade import grade_class
 from grading.intake import take_in
 from grading.masking import masked
 from grading.probe import leaks, probe
 from grading.rebuild import rebuilt, solution_cells
+from grading.room import NOTEBOOKS, prepared
 from grading.rubric import load_rubric
 from grading.sandbox import Limits, choose_tier
 from grading.secret import Secret, load_secret, make_key

@@ -1,0 +1,88 @@
+"""Worker processes that grade, one submission at a time each; one that dies costs its submission one retry."""
+
+import ctypes
+import json
+import multiprocessing
+import os
+import signal
+import time
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import cast
+
+from grading.intake import Submission
+from grading.room import Room
+from grading.store import to_json, write_whole
+from grading.submission import grade_one
+
+PARENT_DEATH = 1  # PR_SET_PDEATHSIG
+
+
+def _work(pipe, room: Room, parent: int) -> None:
+    """A worker process: grades what it is sent, one at a time; ends with its parent."""
+    ctypes.CDLL(None).prctl(PARENT_DEATH, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:
+        os._exit(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent gets it too and ends us
+    while (task := pipe.recv()) is not None:
+        submission, path = task
+        start = time.time()
+        result = grade_one(room, submission)
+        if any(outcome["status"] == "ungraded" for outcome in result["outcomes"].values()):
+            pipe.send("ungraded")  # nothing is kept, so the next run tries again
+            continue
+        times = {"student_id": submission.student_id, "started": round(start), "seconds": round(time.time() - start, 1)}
+        write_whole(path.with_suffix(".times"), json.dumps(times).encode("utf-8"))
+        write_whole(path, to_json(result))
+        pipe.send("done")
+
+
+def run_workers(room: Room, todo: list[tuple[Submission, Path]], jobs: int, say) -> int:
+    """Grade a list with some workers; how many stayed ungraded. A worker that dies costs its submission one retry."""
+    context = multiprocessing.get_context("fork")
+    waiting, lost, done = list(todo), 0, 0
+    again: list[tuple[Submission, Path]] = []
+    busy: dict = {}
+    idle: list = []
+
+    def hire():
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_work, args=(theirs, room, os.getpid()), daemon=True)
+        process.start()
+        theirs.close()
+        return ours, process
+
+    try:
+        while waiting or busy or again:
+            if not waiting and not busy:
+                waiting, again = again, []
+            while waiting and len(busy) < jobs:
+                pipe, process = idle.pop() if idle else hire()
+                task = waiting.pop(0)
+                mark = task[1].with_suffix(".attempt")
+                second = mark.exists()
+                write_whole(mark, b"")
+                pipe.send(task)
+                busy[pipe] = process, task, second
+            for pipe in cast(list[Connection], wait(list(busy))):
+                process, task, second = busy.pop(pipe)
+                try:
+                    answer = pipe.recv()
+                    idle.append((pipe, process))
+                except EOFError:
+                    process.join()
+                    answer = "died"
+                if answer == "died" and not second:
+                    again.append(task)
+                    continue
+                done += answer == "done"
+                lost += answer != "done"
+                if answer == "done":
+                    task[1].with_suffix(".attempt").unlink(missing_ok=True)
+                say(f"{done + lost} of {len(todo)} submissions")
+    finally:
+        for pipe, process in [*idle, *((pipe, one[0]) for pipe, one in busy.items())]:
+            process.kill()
+            process.join()
+            pipe.close()
+    return lost

@@ -1,0 +1,88 @@
+"""Everything that grading a class depends on, and its hash."""
+
+import contextlib
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import dualnav_lite
+from dualnav_lite.config import UnusableInput
+from dualnav_lite.evaluate import code_sha256
+from dualnav_lite.exercises import stub
+from grading.lesson import Setting
+from grading.masking import masked_copy
+from grading.rebuild import Master, Unreadable, read_master
+from grading.rubric import Rubric
+from grading.sandbox import PREFIX, Limits, kernel_cache
+from grading.secret import Secret
+
+PACKAGE = Path(dualnav_lite.__file__).resolve().parent
+NOTEBOOKS = PACKAGE.parent / "notebooks"
+
+
+@dataclass
+class Room:
+    """Everything that grading a class depends on."""
+
+    rubric: Rubric
+    secret: Secret
+    tier: str
+    limits: Limits
+    packages: Path
+    masters: dict[str, Master]
+
+    def fingerprint(self) -> str:
+        """Hash of all that a result depends on besides the submission."""
+        here = Path(__file__).parent
+        code = [path.read_bytes() for path in sorted(here.rglob("*.py"))]
+        parts = [
+            *code,
+            code_sha256().encode(),
+            self.rubric.model_dump_json().encode(),
+            self.secret.fingerprint.encode(),
+            self.tier.encode(),
+            json.dumps(asdict(self.limits)).encode(),
+            repr(self.masters).encode(),
+        ]
+        return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()
+
+    def wanted(self) -> frozenset[str]:
+        """Names of the files that a submission may hold."""
+        return frozenset(f"{name}.ipynb" for name in self.rubric.lessons) | {"manifest.json"}
+
+    def setting(self, lesson: str) -> Setting:
+        """What a lesson is graded with."""
+        kernels = kernel_cache(PACKAGE)
+        rules = self.rubric.lessons[lesson]
+        return Setting(self.masters[lesson], rules, self.packages, kernels, self.secret, self.tier, self.limits)
+
+
+@contextlib.contextmanager
+def prepared(rubric: Rubric, secret: Secret, tier: str, limits: Limits, notebooks: Path = NOTEBOOKS):
+    """A `Room` with its masked copy of the library, which is taken away afterwards.
+
+    Raises:
+        UnusableInput: a lesson's notebook is missing or lacks an exercise of the rubric.
+    """
+    masters = {}
+    for name, lesson in rubric.lessons.items():
+        try:
+            masters[name] = read_master(notebooks / f"{name}.ipynb", stub)
+        except (OSError, Unreadable):
+            raise UnusableInput(
+                f"the rubric names lesson '{name}', but notebooks/{name}.ipynb cannot be read"
+            ) from None
+        missing = sorted(set(lesson.exercises) - set(masters[name].solutions))
+        if missing:
+            raise UnusableInput(f"the rubric names exercise '{missing[0]}', which {name}.ipynb does not hold")
+    mask = {symbol: exercise for lesson in rubric.lessons.values() for symbol, exercise in lesson.mask.items()}
+    folder = Path(tempfile.mkdtemp(prefix=f"{PREFIX}{os.getpid()}-"))
+    try:
+        packages = masked_copy(PACKAGE, mask, folder / "packages")
+        yield Room(rubric, secret, tier, limits, packages, masters)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

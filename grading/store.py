@@ -1,0 +1,81 @@
+"""Result files: written whole, named by all that they depend on, in a folder that one grader holds at a time."""
+
+import contextlib
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+from dualnav_lite.config import UnusableInput
+from grading.intake import Submission
+from grading.sandbox import PREFIX
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """A file that is there whole or not at all, also after a loss of power."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".tmp")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(name, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(name)
+        raise
+
+
+def to_json(content) -> bytes:
+    """A result file's text, the same for the same content."""
+    return json.dumps(content, ensure_ascii=False, indent=1, sort_keys=True).encode("utf-8")
+
+
+def result_path(out: Path, fingerprint: str, submission: Submission) -> Path:
+    """Where a submission's result stands; the name tells nobody's name."""
+    student = hashlib.sha256(submission.student_id.encode("utf-8")).hexdigest()[:16]
+    made_of = f"{fingerprint}\0{submission.sha256}\0{submission.rejected}"
+    return out / "results" / f"{student}.{hashlib.sha256(made_of.encode()).hexdigest()[:24]}.json"
+
+
+def read_result(path: Path) -> dict | None:
+    """A result file; None where there is none."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+
+
+@contextlib.contextmanager
+def locked(out: Path):
+    """The only grader in a folder.
+
+    Raises:
+        UnusableInput: another one works there, or the folder refuses.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        file = open(out / ".lock", "w", encoding="utf-8")  # noqa: SIM115 (closed below, where the lock is let go)
+    except OSError as error:
+        raise UnusableInput(f"{out}: cannot be written: {error.strerror}") from None
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise UnusableInput(f"{out}: another grader works in this folder") from None
+        for leftover in [*out.glob(".*.tmp"), *(out / "results").glob(".*.tmp")]:
+            leftover.unlink()
+        yield
+
+
+def sweep() -> None:
+    """Take away the folders that graders left behind when they were killed."""
+    for path in Path(tempfile.gettempdir()).glob(f"{PREFIX}*-*"):
+        owner = path.name.removeprefix(PREFIX).split("-")[0]
+        with contextlib.suppress(OSError):
+            if owner.isdigit() and not os.path.exists(f"/proc/{owner}") and path.stat().st_uid == os.geteuid():
+                shutil.rmtree(path, ignore_errors=True)

@@ -1,0 +1,51 @@
+"""One submission to the content of its result file."""
+
+import hashlib
+from dataclasses import asdict
+
+from grading import __version__
+from grading.intake import Submission
+from grading.lesson import Outcome, grade_lesson
+from grading.rebuild import Unreadable, normalised, solution_cells
+from grading.room import Room
+
+
+def grade_one(room: Room, submission: Submission) -> dict:
+    """The content of a submission's result file, but for times."""
+    outcomes: dict[str, Outcome] = {}
+    prints: dict[str, str] = {}
+    library: dict[str, str] = {}
+    for name, lesson in room.rubric.lessons.items():
+        sources: dict[str, str] = {}
+        problem = submission.rejected
+        content = submission.files.get(f"{name}.ipynb")
+        if not problem:
+            try:
+                sources = solution_cells(content, tuple(lesson.exercises)) if content is not None else {}
+                problem = "" if content is not None else "no_notebook"
+            except Unreadable as error:
+                problem = str(error)
+        if problem:
+            outcomes |= {exercise: Outcome(0.0, "not_run", problem) for exercise in lesson.exercises}
+            continue
+        found, _ = grade_lesson(room.setting(name), sources)
+        outcomes |= found
+        for exercise, source in sources.items():
+            if found[exercise].reason not in ("not_done", "cell_missing") and not source.startswith("\0"):
+                prints[exercise] = _print(source)
+                library[exercise] = _print(room.masters[name].solutions[exercise])
+    return {
+        "assignment": room.rubric.assignment,
+        "student_id": submission.student_id,
+        "folder": submission.folder,
+        "submission_sha256": submission.sha256,
+        "outcomes": {exercise: asdict(outcome) for exercise, outcome in outcomes.items()},
+        "prints": prints,
+        "library_prints": library,
+        "tier": room.tier,
+        "grader_version": __version__,
+    }
+
+
+def _print(source: str) -> str:
+    return hashlib.sha256(normalised(source).encode("utf-8", "replace")).hexdigest()[:16]
