@@ -48,9 +48,10 @@ def key(file: Annotated[Path, typer.Argument(help="A new file, outside the cours
 @app.command()
 def probe(tier: Annotated[str, typer.Option(help="A or B; the best that works if empty.")] = "") -> int:
     """Try what a sandbox must deny here, and say what holds."""
+    from grading.job import SandboxError
     from grading.probe import leaks
     from grading.probe import probe as try_all
-    from grading.sandbox import TIERS, SandboxError, choose_tier
+    from grading.tiers import TIERS, choose_tier
 
     chosen = choose_tier(wanted=tier)
     try:
@@ -80,11 +81,12 @@ def grade(
 ) -> int:
     """Grade submissions in sandboxes; the same command goes on where it was stopped."""
     from grading.grade import grade_class
+    from grading.job import Limits
     from grading.room import prepared
     from grading.rubric import RUBRIC, load_rubric
-    from grading.sandbox import Limits, choose_tier
     from grading.secret import load_secret
     from grading.tables import read_overrides
+    from grading.tiers import choose_tier
 
     rules = load_rubric(rubric or RUBRIC)
     secret = load_secret(key, rules.assignment)

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from grading import wire
+from grading.job import Job, Limits, SandboxError
 from grading.rebuild import Master, normalised, rebuilt
 from grading.rubric import Lesson
-from grading.sandbox import Job, Limits, Sandbox, SandboxError
+from grading.sandbox import Sandbox
 from grading.secret import Secret
 from grading.tasks import questions_of
 

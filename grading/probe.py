@@ -7,7 +7,8 @@ import tempfile
 import uuid
 from pathlib import Path
 
-from grading.sandbox import Job, Limits, Sandbox, SandboxError
+from grading.job import Job, Limits, SandboxError
+from grading.sandbox import Sandbox
 from grading.wire import ProtocolError
 
 # Tier B has no namespaces: these do not hold there, and the instructor's page says so.

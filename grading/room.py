@@ -13,12 +13,14 @@ import dualnav_lite
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.evaluate import code_sha256
 from dualnav_lite.exercises import stub
+from grading.job import Limits
 from grading.lesson import Setting
 from grading.masking import masked_copy
 from grading.rebuild import Master, Unreadable, read_master
 from grading.rubric import Rubric
-from grading.sandbox import PREFIX, Limits, kernel_cache
+from grading.sandbox import PREFIX
 from grading.secret import Secret
+from grading.shown import kernel_cache
 
 PACKAGE = Path(dualnav_lite.__file__).resolve().parent
 NOTEBOOKS = PACKAGE.parent / "notebooks"

@@ -1,10 +1,10 @@
 """Before anybody is graded: the sandbox denies what it must, the reference gets everything, the stubs nothing."""
 
 from dualnav_lite.config import UnusableInput
+from grading.job import SandboxError
 from grading.lesson import grade_lesson
 from grading.probe import leaks, probe
 from grading.room import Room
-from grading.sandbox import SandboxError
 
 
 def self_check(room: Room) -> None:

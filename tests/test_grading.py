@@ -14,15 +14,16 @@ from dualnav_lite.exercises import student_notebook
 from grading.adapters import ADAPTERS
 from grading.grade import grade_class
 from grading.intake import take_in
+from grading.job import Limits
 from grading.masking import masked
 from grading.probe import leaks, probe
 from grading.rebuild import rebuilt, solution_cells
 from grading.room import NOTEBOOKS, prepared
 from grading.rubric import load_rubric
-from grading.sandbox import Limits, choose_tier
 from grading.secret import Secret, load_secret, make_key
 from grading.tables import defused, to_csv
 from grading.tasks import questions_of
+from grading.tiers import choose_tier
 
 MUTANTS = Path(__file__).parent / "mutants"
 LESSON = NOTEBOOKS / "07_rewards.ipynb"
