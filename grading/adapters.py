@@ -6,6 +6,17 @@ An adapter gets (names of the notebook, arrays of the call, what is kept between
 import numpy as np
 
 
+class NotDefined(Exception):
+    """The notebook defines no such name: its cell raised, or names its function otherwise."""
+
+
+def _theirs(names, word: str):
+    """The student's function."""
+    if word not in names:
+        raise NotDefined
+    return names[word]
+
+
 def _numbers(value) -> np.ndarray:
     """float64 of whatever came back; an object that only pretends to be a number raises here or is converted."""
     return np.array(value, dtype=np.float64, subok=False)
@@ -17,14 +28,14 @@ def _each(function, *columns) -> np.ndarray:
 
 
 def safe(names, given, kept):
-    function = names["safe"]
+    function = _theirs(names, "safe")
     if "one_by_one" in given:
         return {"values": _each(function, given["one_by_one"])}
     return {"values": _numbers(function(given["clearance"].copy()))}
 
 
 def goal(names, given, kept):
-    function, gamma = names["goal"], given["gamma"].item()
+    function, gamma = _theirs(names, "goal"), given["gamma"].item()
     before, after, reached = (given[name].copy() for name in ("before", "after", "reached"))
     if "one_by_one" in given:
         return {"values": _each(lambda b, a, r: function(b, a, r, gamma), before, after, reached)}
@@ -37,7 +48,7 @@ def reward_terms(names, given, kept):
     rows = []
     for k in range(len(given["clearance"])):
         fields = {name: value[k].item() if value[k].ndim == 0 else value[k].copy() for name, value in given.items()}
-        terms = names["reward_terms"](Transition(**fields))
+        terms = _theirs(names, "reward_terms")(Transition(**fields))
         rows.append([float(terms[name]) for name in ("safe", "dynamic", "energy", "goal", "terminal")])
         if len(terms) != 5:
             raise KeyError("terms")
@@ -46,14 +57,15 @@ def reward_terms(names, given, kept):
 
 def reward_weights(names, given, kept):
     rows = [
-        names["reward_weights"](p.item(), b.item()) for p, b in zip(given["preference"], given["charge"], strict=True)
+        _theirs(names, "reward_weights")(p.item(), b.item())
+        for p, b in zip(given["preference"], given["charge"], strict=True)
     ]
     return {"values": _numbers(np.stack([_numbers(row) for row in rows]))}
 
 
 def gae(names, given, kept):
     arrays = [given[name].copy() for name in ("rewards", "values", "next_values", "terminated", "truncated")]
-    advantages, returns = names["gae"](*arrays, given["gamma"].item(), given["gae_lambda"].item())
+    advantages, returns = _theirs(names, "gae")(*arrays, given["gamma"].item(), given["gae_lambda"].item())
     return {"advantages": _numbers(advantages), "returns": _numbers(returns)}
 
 
@@ -76,7 +88,7 @@ def _loss(loss, inputs) -> dict:
 
 def policy_loss(names, given, kept):
     log_probs = _tensor(given["log_probs"]).requires_grad_()
-    loss = names["policy_loss"](
+    loss = _theirs(names, "policy_loss")(
         log_probs, _tensor(given["old_log_probs"]), _tensor(given["advantages"]), given["clip_range"].item()
     )
     return _loss(loss, {"log_probs": log_probs})
@@ -84,24 +96,64 @@ def policy_loss(names, given, kept):
 
 def value_loss(names, given, kept):
     values = _tensor(given["values"]).requires_grad_()
-    return _loss(names["value_loss"](values, _tensor(given["returns"])), {"values": values})
+    return _loss(_theirs(names, "value_loss")(values, _tensor(given["returns"])), {"values": values})
+
+
+def _driver(path: str):
+    """Who answers observations: an exported network, or weights in the library's own one."""
+    with open(path, "rb") as file:
+        content = file.read()
+    if not content.startswith(b"PK"):  # an archive of torch.save
+        from dualnav_lite.command_reader import CommandReader
+        from dualnav_lite.embedded import onnx_runner
+
+        run, card = onnx_runner(content)
+        return run, CommandReader(card["grid"], card["memory"]) if card["grid"] else None
+    return _driver_of_weights(content)
+
+
+def _driver_of_weights(content: bytes):
+    """The same from a state dict; what its card would say follows from the shapes, the memory is the default."""
+    import io
+
+    import torch
+
+    from dualnav_lite.command_reader import CommandReader
+    from dualnav_lite.config import Hardware
+    from dualnav_lite.policy import make_actor
+
+    state = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
+    first = state["trunk.convolutions.0.weight"]
+    grain = "fine" if first.shape[-1] == 5 else "coarse"
+    head = "commands" if "head.commands" in state else "gaussian"
+    limits = [Hardware().max_lin_vel, Hardware().max_ang_vel]
+    actor = make_actor((first.shape[1] + 1, 64, 64), head, limits, grain)
+    actor.load_state_dict(state)
+    actor.eval()
+    torch.set_num_threads(1)
+
+    def run(observations):
+        with torch.no_grad():
+            output = actor(torch.from_numpy(observations))
+            if head == "commands":
+                return output.exp().numpy()
+            return actor.head.physical(output.chunk(2, dim=1)[0]).numpy()
+
+    if head == "gaussian":
+        return run, None
+    grid = actor.head.commands.reshape(*actor.head.grid_shape, 2).double().numpy()
+    return run, CommandReader(grid.round(6), 0.5)
 
 
 def policy(names, given, kept):
-    """Commands of an exported policy for (n, C, 64, 64) observations; `fresh` worlds begin anew."""
+    """Commands for (n, C, 64, 64) observations of some worlds; those that are `fresh` begin anew."""
     if "driver" not in kept:
-        import tempfile
-
-        from dualnav_lite.deploy import EmbeddedPolicy
-
-        with open(names["weights"], "rb") as file, tempfile.NamedTemporaryFile(suffix=".onnx") as copy:
-            copy.write(file.read())
-            copy.flush()
-            kept["driver"] = EmbeddedPolicy(copy.name)
-    driver = kept["driver"]
-    if given["fresh"].any():
-        driver.reset(np.flatnonzero(given["fresh"]))
-    return {"actions": _numbers(driver.act(given["observations"]))}
+        kept["driver"] = _driver(names["weights"])
+    run, reader = kept["driver"]
+    if reader is None:
+        return {"actions": _numbers(run(given["observations"].copy()))}
+    reader.reset(given["worlds"][given["fresh"]])
+    return {"actions": _numbers(reader(run(given["observations"].copy()), given["worlds"]))}
 
 
 ADAPTERS = {

@@ -213,15 +213,10 @@ class _Run:
                 left = max(0.05, deadline - time.monotonic())
                 error, answer = session.caller.ask(exercise, question.arrays, left)
             except wire.ProtocolError as problem:
-                died = True
-                killed = session.sandbox.killed_for
-                status = "timeout" if isinstance(problem, wire.DeadlineError) and not killed else "error"
-                hung = "took_too_long" if status == "timeout" else "kernel_ended"
-                if not isinstance(problem, wire.ClosedError | wire.DeadlineError):
-                    hung = "protocol"
-                reason, share = f"too_much_{killed}" if killed else hung, 0.0
+                died, share = True, 0.0
+                status, reason = cut_off(problem, session.sandbox.killed_for)
                 break
-            found = _error_reason(error) if error else question.judge(answer)
+            found = error_reason(error) if error else question.judge(answer)
             if found:
                 wrong[found] = wrong.get(found, 0) + 1
                 reason = reason or found
@@ -234,8 +229,19 @@ class _Run:
         return Outcome(share, status, reason, source, {"right": right, "asked": asked, "wrong": wrong}), died
 
 
-def _error_reason(name: str) -> str:
+def cut_off(problem: wire.ProtocolError, killed_for: str) -> tuple[str, str]:
+    """Status and reason code of a question that got no answer."""
+    if killed_for:
+        return "error", f"too_much_{killed_for}"
+    if isinstance(problem, wire.DeadlineError):
+        return "timeout", "took_too_long"
+    return "error", "kernel_ended" if isinstance(problem, wire.ClosedError) else "protocol"
+
+
+def error_reason(name: str) -> str:
     """Reason code of an exception: its type where Python knows it."""
     if name == "NotImplementedError":
         return "not_done"
+    if name == "NotDefined":  # of `adapters.py`
+        return "not_defined"
     return f"raised_{name}" if name in KNOWN_ERRORS else "raised_an_error"

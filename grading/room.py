@@ -24,6 +24,7 @@ from grading.shown import kernel_cache
 
 PACKAGE = Path(dualnav_lite.__file__).resolve().parent
 NOTEBOOKS = PACKAGE.parent / "notebooks"
+ENDINGS = (".onnx", ".pth")  # of weights; the first that is there counts
 
 
 @dataclass
@@ -54,13 +55,22 @@ class Room:
 
     def wanted(self) -> frozenset[str]:
         """Names of the files that a submission may hold."""
-        return frozenset(f"{name}.ipynb" for name in self.rubric.lessons) | {"manifest.json"}
+        notebooks = {f"{name}.ipynb" for name in self.rubric.lessons}
+        policy = self.rubric.policy
+        return frozenset(notebooks | ({f"{policy.weights}{ending}" for ending in ENDINGS} if policy else set()))
 
-    def setting(self, lesson: str) -> Setting:
-        """What a lesson is graded with."""
+    def setting(self, lesson: str = "") -> Setting:
+        """What a lesson, or with no lesson the policy, is graded with."""
         kernels = kernel_cache(PACKAGE)
-        rules = self.rubric.lessons[lesson]
-        return Setting(self.masters[lesson], rules, self.packages, kernels, self.secret, self.tier, self.limits)
+        master, rules = self.masters.get(lesson), self.rubric.lessons.get(lesson)
+        return Setting(master, rules, self.packages, kernels, self.secret, self.tier, self.limits)
+
+    def shipped_weights(self) -> frozenset[str]:
+        """Hashes of the weights that the kit itself ships; who hands these in has trained nothing."""
+        models = PACKAGE.parent / "models"
+        return frozenset(
+            hashlib.sha256(path.read_bytes()).hexdigest() for path in models.glob("*") if path.suffix in ENDINGS
+        )
 
 
 @contextlib.contextmanager
@@ -81,10 +91,9 @@ def prepared(rubric: Rubric, secret: Secret, tier: str, limits: Limits, notebook
         missing = sorted(set(lesson.exercises) - set(masters[name].solutions))
         if missing:
             raise UnusableInput(f"the rubric names exercise '{missing[0]}', which {name}.ipynb does not hold")
-    mask = {symbol: exercise for lesson in rubric.lessons.values() for symbol, exercise in lesson.mask.items()}
     folder = Path(tempfile.mkdtemp(prefix=f"{PREFIX}{os.getpid()}-"))
     try:
-        packages = masked_copy(PACKAGE, mask, folder / "packages")
+        packages = masked_copy(PACKAGE, rubric.mask(), folder / "packages")
         yield Room(rubric, secret, tier, limits, packages, masters)
     finally:
         shutil.rmtree(folder, ignore_errors=True)

@@ -23,37 +23,77 @@ class Exercise(Frozen):
 
 
 class Survival(Frozen):
-    """When a trained policy passes; all of it is told to students."""
+    """When a trained policy passes; all of it is told to students.
+
+    Attributes:
+        thresholds: least rate by scenario; each scenario is worth the same.
+        margin: what students are told to aim at lies so far above the threshold.
+        confidence: of the exact interval, over all looks at it together.
+        first, most: seeds of a scenario at the first look, and at the last.
+    """
 
     points: Points
-    threshold: Share
-    margin: Share
-    confidence: Annotated[float, Field(gt=0.5, lt=1)]
-    first: Count
-    most: Count
+    thresholds: Annotated[dict[str, Share], Field(min_length=1)]
+    margin: Share = 0.1
+    confidence: Annotated[float, Field(gt=0.5, lt=1)] = 0.95
+    first: Count = 20
+    most: Count = 80
+
+    @model_validator(mode="after")
+    def _ordered(self):
+        if self.most < self.first:
+            raise ValueError("most is less than first")
+        return self
+
+
+Objectives = dict[Literal["safe_dist_m", "energy_j_per_goal"], float]
 
 
 class Hypervolume(Frozen):
-    """Share of the box between two points that the policy's (safety, energy) points dominate."""
+    """Share of the box between two points that the policy's (safety, energy) points dominate, one a preference."""
 
     points: Points
-    preferences: tuple[Share, ...]
-    reference: dict[Literal["safe_dist_m", "energy_j"], float]
-    ideal: dict[Literal["safe_dist_m", "energy_j"], float]
+    scenario: str
+    preferences: Annotated[tuple[Share, ...], Field(min_length=1)]
+    reference: Objectives
+    ideal: Objectives
     threshold: Share
     seeds: Count
 
+    @model_validator(mode="after")
+    def _is_a_box(self):
+        if len(self.reference) != 2 or len(self.ideal) != 2:
+            raise ValueError("reference and ideal each hold safe_dist_m and energy_j_per_goal")
+        if self.ideal["safe_dist_m"] <= self.reference["safe_dist_m"]:
+            raise ValueError("the ideal is no safer than the reference")
+        if self.ideal["energy_j_per_goal"] >= self.reference["energy_j_per_goal"]:
+            raise ValueError("the ideal is no thriftier than the reference")
+        return self
+
+
+class Policy(Frozen):
+    """A trained policy, handed in as `weights/<weights>.onnx` or `.pth`.
+
+    Attributes:
+        seconds: that it may think, over all episodes.
+    """
+
+    weights: Annotated[str, Field(pattern=r"^[A-Za-z0-9_]+$")] = "ppo_actor"
+    seconds: Positive = 120.0
+    survival: Survival
+    hypervolume: Hypervolume | None = None
+
+    def points(self) -> dict[str, float]:
+        """Most points by exercise."""
+        found = {"survival": self.survival.points}
+        return found | ({"hypervolume": self.hypervolume.points} if self.hypervolume else {})
+
 
 class Lesson(Frozen):
-    """A notebook's exercises, or a policy."""
+    """A notebook's exercises, and what of the library answers them."""
 
-    exercises: dict[str, Exercise]
+    exercises: Annotated[dict[str, Exercise], Field(min_length=1)]
     mask: dict[str, str] = Field(default={})
-    weights: str = ""
-    scenarios: tuple[str, ...] = ()
-    survival: Survival | None = None
-    hypervolume: Hypervolume | None = None
-    start_s: Positive = 60.0  # until the student's own cells have run
 
     @model_validator(mode="after")
     def _fits(self):
@@ -66,15 +106,6 @@ class Lesson(Frozen):
         strangers = sorted(set(self.mask.values()) - set(known))
         if strangers:
             raise ValueError(f"mask names '{strangers[0]}', which is no exercise here")
-        if bool(self.weights) != bool(self.survival):
-            raise ValueError("weights and survival go together")
-        if self.weights:
-            parts = [part.points for part in (self.survival, self.hypervolume) if part]
-            total = sum(exercise.points for exercise in self.exercises.values())
-            if len(self.exercises) != 1 or abs(sum(parts) - total) > 1e-9:
-                raise ValueError(f"survival and hypervolume are worth {sum(parts)}, the exercise {total}")
-            if self.survival.most < self.survival.first:
-                raise ValueError("survival: most is less than first")
         return self
 
 
@@ -92,21 +123,27 @@ class Rubric(Frozen):
     total: Points
     language: Literal["en", "zh"] = "en"
     late: Late = Late()
-    lessons: dict[Annotated[str, Field(pattern=r"^[a-z0-9_]+$")], Lesson]
+    lessons: dict[Annotated[str, Field(pattern=r"^[a-z0-9_]+$")], Lesson] = Field(default={})
+    policy: Policy | None = None
 
     @model_validator(mode="after")
     def _adds_up(self):
-        found = sum(one.points for lesson in self.lessons.values() for one in lesson.exercises.values())
+        names = [name for lesson in self.lessons.values() for name in lesson.exercises]
+        if len(set(names)) != len(names) or (self.policy and set(names) & set(self.policy.points())):
+            raise ValueError("an exercise stands in two places")
+        found = sum(self.points().values())
         if abs(found - self.total) > 1e-9:
             raise ValueError(f"the points add up to {found:g}, total says {self.total:g}")
-        names = [name for lesson in self.lessons.values() for name in lesson.exercises]
-        if len(set(names)) != len(names):
-            raise ValueError("an exercise stands in two lessons")
         return self
 
     def points(self) -> dict[str, float]:
         """Most points by exercise, in order."""
-        return {name: one.points for lesson in self.lessons.values() for name, one in lesson.exercises.items()}
+        parts = {name: one.points for lesson in self.lessons.values() for name, one in lesson.exercises.items()}
+        return parts | (self.policy.points() if self.policy else {})
+
+    def mask(self) -> dict[str, str]:
+        """Exercise by symbol of the library that answers it."""
+        return {symbol: name for lesson in self.lessons.values() for symbol, name in lesson.mask.items()}
 
 
 def load_rubric(path: Path = RUBRIC) -> Rubric:
@@ -124,6 +161,6 @@ def load_rubric(path: Path = RUBRIC) -> Rubric:
         place = ".".join(str(part) for part in first["loc"])
         raise UnusableInput(f"{path.name}: {place}{': ' if place else ''}{first['msg']}") from None
     for lesson in rubric.lessons.values():
-        for name in () if lesson.weights else lesson.exercises:
+        for name in lesson.exercises:
             questions_of(name)
     return rubric

@@ -6,8 +6,9 @@ from dataclasses import asdict
 from grading import __version__
 from grading.intake import Submission
 from grading.lesson import Outcome, grade_lesson
+from grading.policy import grade_policy
 from grading.rebuild import Unreadable, normalised, solution_cells
-from grading.room import Room
+from grading.room import ENDINGS, Room
 
 
 def grade_one(room: Room, submission: Submission) -> dict:
@@ -34,6 +35,8 @@ def grade_one(room: Room, submission: Submission) -> dict:
             if found[exercise].reason not in ("not_done", "cell_missing") and not source.startswith("\0"):
                 prints[exercise] = _print(source)
                 library[exercise] = _print(room.masters[name].solutions[exercise])
+    if room.rubric.policy:
+        outcomes |= _policy(room, submission, prints, library)
     return {
         "assignment": room.rubric.assignment,
         "student_id": submission.student_id,
@@ -45,6 +48,20 @@ def grade_one(room: Room, submission: Submission) -> dict:
         "tier": room.tier,
         "grader_version": __version__,
     }
+
+
+def _policy(room: Room, submission: Submission, prints: dict[str, str], library: dict[str, str]) -> dict[str, Outcome]:
+    """Outcomes of the policy task; a hash of the weights goes into `prints`, since copies are reported."""
+    policy = room.rubric.policy
+    names = [f"{policy.weights}{ending}" for ending in ENDINGS]
+    found = next((submission.files[name] for name in names if name in submission.files), None)
+    if submission.rejected or not found:
+        return dict.fromkeys(policy.points(), Outcome(0.0, "not_run", submission.rejected or "no_weights"))
+    own = hashlib.sha256(found).hexdigest()
+    for exercise in policy.points():
+        prints[exercise] = own
+        library[exercise] = own if own in room.shipped_weights() else ""
+    return grade_policy(room.setting(), policy, found)
 
 
 def _print(source: str) -> str:
