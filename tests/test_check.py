@@ -8,7 +8,7 @@ import nbformat
 import numpy as np
 import pytest
 
-from dualnav_lite.check import LESSONS, NotYet, check, judge, reference
+from dualnav_lite.check import LESSONS, NotYet, check, judge, reference, set_language
 from dualnav_lite.check import _module as module_of
 from dualnav_lite.check.verdict import Text, Wrong, call, expect, hold, is_close, shown
 from dualnav_lite.config import UnusableInput
@@ -100,6 +100,24 @@ def test_messages_are_in_the_language_that_was_asked_for(monkeypatch, capsys):
     assert "原文" in str(chinese.value)
     check("safe", reference("safe"), lang="en")
     assert capsys.readouterr().out == "safe: passed, 4 properties hold\n"
+
+
+def test_a_language_is_kept_for_all_lessons_of_a_folder(monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("DUALNAV_LANG", raising=False)
+    set_language()
+    set_language("zh")
+    check("safe", reference("safe"))
+    check("safe", reference("safe"), lang="en")
+    set_language("en")
+    first, second, chinese, english, last = capsys.readouterr().out.splitlines()
+    assert "speak English" in first
+    assert "中文" in second
+    assert "通过" in chinese
+    assert "passed" in english
+    assert last == first
+    with pytest.raises(UnusableInput, match="known: en, zh"):
+        set_language("de")
 
 
 def test_a_notebook_shows_the_words_without_a_traceback():

@@ -2,12 +2,14 @@
 
 import json
 import re
+import time
 
 import nbformat
 import pytest
 
 from dualnav_lite import notebooks
 from dualnav_lite.config import UnusableInput
+from dualnav_lite.doctor import LESSON_SPEED, control_speed
 
 SOURCE = """# %% [markdown]
 # # A lesson
@@ -189,24 +191,34 @@ def test_every_notebook_is_committed_without_outputs(pair):
 LESSONS = [path for _, path in REPOSITORY if path.parent.name == "notebooks"]
 
 
+SECONDS = re.compile(r"\*\*Time\*\*: \d+ minutes for you, (\d+) s of CPU")
+
+
+def head_of(lesson):
+    """The first cell, which says what a lesson asks and what it takes."""
+    return "".join(json.loads(lesson.read_text(encoding="utf-8"))["cells"][0]["source"])
+
+
 @pytest.mark.parametrize("lesson", LESSONS, ids=lambda path: path.stem)
-def test_every_lesson_states_its_minutes_and_ends_with_something_to_change(lesson):
+def test_every_lesson_states_aim_time_and_number_and_ends_with_something_to_change(lesson):
     cells = json.loads(lesson.read_text(encoding="utf-8"))["cells"]
-    text = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown"]
-    assert re.search(r"\bminutes?\b", text[0])
-    assert "Change this" in text[-1]
+    last = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown"][-1]
+    head = head_of(lesson).replace("\n", " ")
+    assert "**Aim**: " in head
+    assert SECONDS.search(head)
+    assert "**Number to expect**: " in head
+    assert "Change this" in last
 
 
 NUMBER = r"\d+(?:\.\d+)?"
 
 
-@pytest.mark.parametrize("lesson", LESSONS, ids=lambda path: path.stem)
-def test_every_lesson_runs_in_its_short_mode_and_prints_what_it_tells_to_expect(lesson, tmp_path):
-    notebooks.run_notebook(lesson, tmp_path / lesson.name, {"quick": True})
+def hold_expectations(executed, pattern):
+    """Compare what cells printed with what their comments say: the words exactly, the numbers within 10 %."""
     checked = 0
-    for cell in nbformat.read(tmp_path / lesson.name, as_version=4).cells:
+    for cell in nbformat.read(executed, as_version=4).cells:
         printed = "".join(output.get("text", "") for output in cell.get("outputs", []))
-        for expected in re.findall(r"^# expect: (.+)$", cell.source, re.MULTILINE):
+        for expected in re.findall(pattern, cell.source, re.MULTILINE):
             same_words = re.escape(re.sub(NUMBER, "0", expected)).replace("0", f"({NUMBER})")
             found = re.search(same_words, printed)
             assert found, f"expected '{expected}', printed '{printed}'"
@@ -214,3 +226,37 @@ def test_every_lesson_runs_in_its_short_mode_and_prints_what_it_tells_to_expect(
             assert [float(n) for n in found.groups()] == pytest.approx(numbers, rel=0.1, abs=0.02), printed
             checked += 1
     assert checked
+
+
+@pytest.mark.parametrize("lesson", LESSONS, ids=lambda path: path.stem)
+def test_every_lesson_runs_in_its_short_mode_and_prints_what_it_tells_to_expect(lesson, tmp_path):
+    notebooks.run_notebook(lesson, tmp_path / lesson.name, {"quick": True})
+    hold_expectations(tmp_path / lesson.name, r"^# expect: (.+)$")
+
+
+BY_THE_CLOCK = "11_train"  # trains for as many minutes as it says, however fast the machine is
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lesson", [one for one in LESSONS if one.stem != BY_THE_CLOCK], ids=lambda path: path.stem)
+def test_every_lesson_takes_at_most_three_times_the_seconds_it_states(lesson, tmp_path):
+    resource = pytest.importorskip("resource", reason="processor time of a kernel is counted on Unix alone")
+
+    def spent():
+        children = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return children.ru_utime + children.ru_stime
+
+    slowness = LESSON_SPEED / control_speed(clock=time.process_time)
+    before = spent()
+    notebooks.run_notebook(lesson, tmp_path / lesson.name, {"quick": False})
+    taken, stated = spent() - before, int(SECONDS.search(head_of(lesson).replace("\n", " "))[1])
+    assert 0.5 < taken < 3.0 * stated * slowness, f"{taken:.0f} s of CPU, stated {stated} s, machine x {slowness:.2f}"
+    hold_expectations(tmp_path / lesson.name, r"^# expect(?: in full)?: (.+)$")
+
+
+def test_the_lesson_that_trains_by_the_clock_states_its_minutes_and_the_judging():
+    lesson = next(one for one in LESSONS if one.stem == BY_THE_CLOCK)
+    cells = [cell.source for cell in nbformat.read(lesson, as_version=4).cells]
+    minutes = re.search(r"^minutes = [\d.]+ if quick else ([\d.]+)$", "\n".join(cells), re.MULTILINE)
+    stated = int(SECONDS.search(head_of(lesson).replace("\n", " "))[1])
+    assert 60 * float(minutes[1]) <= stated <= 600

@@ -3,10 +3,10 @@
 import importlib
 from collections.abc import Callable
 
-from dualnav_lite.check.verdict import NotDone, Text, Wrong, language_of
+from dualnav_lite.check.verdict import NotDone, Text, Wrong, language_of, set_language
 from dualnav_lite.config import UnusableInput
 
-__all__ = ["LESSONS", "NotYet", "check", "judge", "lesson_of", "reference"]
+__all__ = ["LESSONS", "NotYet", "check", "judge", "lesson_of", "reference", "set_language"]
 
 # Exercises by lesson. `check/<name>.py`, without the lesson's number, holds `CHECKS` and `REFERENCES` for its ids.
 LESSONS: dict[str, tuple[str, ...]] = {
@@ -68,7 +68,7 @@ def check(exercise: str, mine: Callable, lang: str | None = None) -> None:
     Args:
         exercise: its id, the same word everywhere.
         mine: the function to look at.
-        lang: "en" or "zh"; `$DUALNAV_LANG`, else English, if None.
+        lang: "en" or "zh"; what `set_language` kept, else `$DUALNAV_LANG`, else English, if None.
 
     Raises:
         NotYet: a property does not hold; property, input, expected, got and, for usual mistakes, a hint.

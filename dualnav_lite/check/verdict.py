@@ -7,13 +7,15 @@ import copy
 import dataclasses
 import os
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from dualnav_lite.config import UnusableInput
+from dualnav_lite.config import UnusableInput, write_atomic
 
 LANGUAGES = ("en", "zh")
+KEPT = ".language"  # file of the folder with the lessons
 CLOSE = 1e-6
 
 
@@ -25,12 +27,22 @@ class Text(NamedTuple):
 
 
 def language_of(asked: str | None = None) -> str:
-    """ "en" or "zh": what is asked for, else `$DUALNAV_LANG`, else English."""
-    found = asked or os.environ.get("DUALNAV_LANG") or "en"
+    """ "en" or "zh": what is asked for, else what `set_language` kept here, else `$DUALNAV_LANG`, else English."""
+    kept = Path(KEPT).read_text(encoding="utf-8").strip() if Path(KEPT).is_file() else ""
+    found = asked or kept or os.environ.get("DUALNAV_LANG") or "en"
     if found not in LANGUAGES:
         raise UnusableInput(f"unknown language '{found}'; known: {', '.join(LANGUAGES)}")
     return found
 
+
+def set_language(language: str | None = None) -> None:
+    """Say in which language checks and `status` speak; "en" or "zh" is kept for every lesson of this folder."""
+    if language is not None:
+        write_atomic(Path(KEPT), language_of(language) + "\n")
+    print(SPEAKS[LANGUAGES.index(language_of())])
+
+
+SPEAKS = Text('checks speak English; 中文提示：set_language("zh")', '检查的提示用中文；English: set_language("en")')
 
 HEADINGS = {
     "claim": Text("should hold", "应当成立"),

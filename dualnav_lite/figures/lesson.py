@@ -44,7 +44,8 @@ def film(pictures, milliseconds: int = 150, width: int = 720):
     frames = []
     for picture in pictures:
         height = round(width * picture.shape[0] / picture.shape[1])
-        frames.append(Image.fromarray(picture).resize((width, height)).quantize(128))
+        resized = Image.fromarray(picture).resize((width, height))
+        frames.append(resized.quantize(256, Image.Quantize.MAXCOVERAGE))  # else small things lose their colour
     file = io.BytesIO()
     frames[0].save(file, "GIF", save_all=True, append_images=frames[1:], duration=milliseconds, loop=0)
     data = base64.b64encode(file.getvalue()).decode("ascii")

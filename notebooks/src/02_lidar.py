@@ -3,7 +3,7 @@
 #
 # **Aim**: cast a laser turn by hand, and spoil it the way low light does.
 #
-# **Time**: 30 minutes for you, ten seconds of CPU. **Number to expect**: your ranges and the library's differ by less
+# **Time**: 30 minutes for you, 6 s of CPU. **Number to expect**: your ranges and the library's differ by less
 # than **1e-9 m**; at 5 lux **15 %** of the beams come back with nothing.
 #
 # A lidar turns a beam of light and measures how long it takes to come back. So a scan is 1080 answers to one question:

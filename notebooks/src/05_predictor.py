@@ -4,7 +4,7 @@
 # **Aim**: forecast people two seconds ahead, say honestly how good that is, and see what a forecast must *not* be paid
 # for.
 #
-# **Time**: 30 minutes for you, ten seconds of CPU. **Number to expect**: among people who react, straight lines hit
+# **Time**: 30 minutes for you, 12 s of CPU. **Number to expect**: among people who react, straight lines hit
 # **77 %** of the places two seconds ahead; the LSTM **84 %**.
 #
 # Two seconds at 0.8 m/s are 1.6 m. Who plans with where people *are* drives into where they *will be*.
@@ -163,7 +163,7 @@ table = pd.DataFrame(rows).T
 for family in FAMILIES:
     hits = ", ".join(f"{name} {100 * table.hit_2s[family, name]:.0f} %" for name in MODELS)
     print(f"{family}, within 0.5 m at 2 s: {hits}")
-# expect: crowd_reactive, within 0.5 m at 2 s: nobody moves 5 %, straight lines 77 %
+# expect: crowd_reactive, within 0.5 m at 2 s: nobody moves 5 %, straight lines 77 %, LSTM 84 %
 table.round(2)
 
 # %%
@@ -181,7 +181,7 @@ plt.show()
 # Straight lines are a strong rival, and a forecast that is not shown beside them says little. The LSTM gains most where
 # things *stop*, the boxes of `pop_up`: a straight line never does.
 #
-# A few hundred movers give a rate to about five points. `models/README.md` has the same table on thirteen thousand.
+# A few hundred movers give a rate to about five points. `models/README.md` has the same table on twelve thousand.
 #
 # ## 4. Watch it
 

@@ -3,7 +3,7 @@
 #
 # **Aim**: turn scans, a map and the robot's own numbers into the image `(4, 64, 64)` that a policy sees.
 #
-# **Time**: 45 minutes for you, 15 seconds of CPU. **Number to expect**: your image and the library's differ by **0.00**
+# **Time**: 45 minutes for you, 6 s of CPU. **Number to expect**: your image and the library's differ by **0.00**
 # over a whole drive through a crowd.
 #
 # Everything is seen from the robot: it sits in the middle, looks up, and a cell is 0.1 m wide. So the image is the same
@@ -196,7 +196,7 @@ print(f"{len(differences)} images, largest difference {max(differences):.2f}")
 
 # %%
 def coloured(image):
-    """(H, W, 3) uint8 picture of the four channels side by side, each six times as large."""
+    """(H, W, 3) uint8 picture of the four channels side by side, a cell five pixels wide."""
     tiles = []
     for channel, values in enumerate(image):
         low = -1.0 if channel in (1, 2) else 0.0

@@ -3,7 +3,7 @@
 #
 # **Aim**: write the five reward terms that the robot learns from, and see why the article's own terms teach it to crash.
 #
-# **Time**: 40 minutes for you, half a minute of CPU. **Number to expect**: under the article's reward a crash is worth
+# **Time**: 40 minutes for you, 10 s of CPU. **Number to expect**: under the article's reward a crash is worth
 # **-77** and an arrival **-647**; under yours **-10.0** and **10.1**.
 #
 # A reward is the only thing a learning robot is ever told. It does not guess what you meant. So read a reward the way

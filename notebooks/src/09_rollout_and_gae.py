@@ -4,7 +4,7 @@
 # **Aim**: turn rewards and value guesses into *advantages*, the one number PPO learns from, and treat the two ways an
 # episode can end differently.
 #
-# **Time**: 35 minutes for you, ten seconds of CPU. **Number to expect**: a robot that earns 1 a step for ever is worth
+# **Time**: 35 minutes for you, 5 s of CPU. **Number to expect**: a robot that earns 1 a step for ever is worth
 # 100; whoever takes the clock for the end of the world learns **27**.
 
 # %% tags=["parameters"]
@@ -59,7 +59,8 @@ data = rollout()
 ends = data["terminated"].sum(), data["truncated"].sum()
 print(f"rewards {data['rewards'].shape}: {ends[0]} episodes terminated, {ends[1]} truncated")
 figure, axis = plt.subplots(figsize=(9, 2.2))
-axis.imshow((data["rewards"] * data["weights"]).sum(axis=2).T, aspect="auto", cmap="RdBu", vmin=-1.0, vmax=1.0)
+reward = (data["rewards"] * data["weights"]).sum(axis=2)
+axis.imshow(reward.T, aspect="auto", cmap="RdBu", vmin=-1, vmax=1, interpolation="none")
 for flags, colour, mark in ((data["terminated"], RED, "|"), (data["truncated"], ORANGE, "x")):
     steps, worlds = np.nonzero(flags)
     axis.plot(steps, worlds, mark, color=colour, markersize=14, linestyle="")

@@ -3,8 +3,9 @@
 #
 # **Aim**: train a policy with your `gae` and your `update`, and judge it on rooms it has never seen.
 #
-# **Time**: 20 minutes for you, about 10 minutes of CPU on two cores (`minutes` below). **Number to expect**: there is none
-# yet that everybody gets: learning depends on luck. The last cell prints your rate *with its interval*.
+# **Time**: 20 minutes for you, 600 s of CPU (`minutes` below, and the judging). **Number to expect**: none that everybody
+# gets, since learning depends on luck; the goal is **80 %** of new rooms. The last cell prints your rate *with its
+# interval*.
 #
 # This is the whole loop of `training/lesson.yaml`: 32 worlds, plain navigation, collect 64 steps each, update, again.
 

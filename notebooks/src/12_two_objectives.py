@@ -4,7 +4,7 @@
 # **Aim**: compare drivers by safety *and* energy without mixing the two into one number, and find the error in the
 # article's own table.
 #
-# **Time**: 35 minutes for you, 30 seconds of CPU. **Number to expect**: of 100 independent random points about **5** are
+# **Time**: 35 minutes for you, 40 s of CPU. **Number to expect**: of 100 independent random points about **5** are
 # "Pareto-optimal"; the article reports 63.
 
 # %% tags=["parameters"]

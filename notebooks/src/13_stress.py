@@ -3,7 +3,7 @@
 #
 # **Aim**: run drivers through the five stress scenarios and read the rates with the doubt that belongs to them.
 #
-# **Time**: 30 minutes for you, 3 minutes of CPU. **Number to expect**: the article's "92 % of 100 runs" means anything from
+# **Time**: 30 minutes for you, 50 s of CPU. **Number to expect**: the article's "92 % of 100 runs" means anything from
 # **85 % to 96 %**.
 
 # %% tags=["parameters"]
