@@ -141,7 +141,21 @@ def test_more_thrift_means_a_slower_teacher():
     assert speeds[0] == pytest.approx(0.8)
     assert speeds == sorted(speeds, reverse=True)
     assert teacher.wanted_speed(0.5, 0.15) < teacher.wanted_speed(0.5, 1.0)
-    assert teacher.wanted_speed(1.0, 0.15) == pytest.approx(0.5, abs=1e-3)
+    assert teacher.wanted_speed(1.0, 0.15) == pytest.approx(Teacher.THRIFTY_M_S, abs=1e-3)
+
+
+@pytest.mark.parametrize("walkers, is_fast", [(Teacher.CROWD - 1, False), (Teacher.CROWD, True)])
+def test_thrift_waits_while_a_crowd_walks_by(walkers, is_fast):
+    env = DynamicNavVectorEnv(1, DRAWN, "navigation", truth=True)
+    _, infos = env.reset(seed=11, options={"preference": 1.0})
+    truth = infos["truth"]
+    truth["num_circles"][0] = 5
+    truth["circles"][0, :5] = [*truth["pose"][0, :2] + [0.0, 2.5], 0.3]
+    truth["circle_velocities"][0, :5] = 0.0
+    truth["circle_velocities"][0, :walkers] = [0.0, 0.8]  # away: no danger
+    teacher = Teacher(DRAWN)
+    command = teacher.grid.reshape(-1, 2)[teacher.costs_of([0], infos)[0].argmin()]
+    assert (abs(command[0]) > Teacher.THRIFTY_M_S) == is_fast
 
 
 def test_teacher_wants_the_ways_it_would_drive_and_forgets_nothing_of_its_own():
@@ -155,7 +169,8 @@ def test_teacher_wants_the_ways_it_would_drive_and_forgets_nothing_of_its_own():
     assert np.array_equal(costs[1], alone[0])
     # Without thrift it is the ceiling planner with wider margins.
     ceiling = Ceiling(DRAWN)
-    ceiling._parameters[[kernels.STATIC_SOFT, kernels.MOVING_SOFT]] *= 1.4
+    ceiling.margins = 1.6
+    ceiling._parameters[[kernels.STATIC_SOFT, kernels.MOVING_SOFT]] *= ceiling.margins
     assert np.allclose(ceiling.soft_costs(split_infos(infos, 3))[[2, 0]].reshape(2, -1), costs)
 
 

@@ -9,7 +9,7 @@ from dualnav_lite.planners.base import Planner
 from dualnav_lite.planners.pursuit import scan_points
 from dualnav_lite.planners.surroundings import CELLS, ORIGIN_M, RESOLUTION_M, clearance_around, occupied_cells
 
-SPEEDS = np.array([-1.0, -0.5, 0.0, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0])  # shares of the top speed
+SPEEDS = np.array([-1.0, -0.5, 0.0, 0.25, 0.375, 0.5, 0.65, 0.8, 1.0])  # shares of the top speed
 TURNS = np.linspace(-1.0, 1.0, 11)  # shares of the fastest turn
 HEADINGS = np.linspace(-np.pi, np.pi, 8, endpoint=False)  # that may follow a command, fixed in the world
 STANDING_M_S = 0.05
@@ -38,14 +38,14 @@ def command_grid(limits: Hardware, max_speed: float | None = None):
     return np.stack(np.meshgrid(SPEEDS * top, TURNS * limits.max_ang_vel, indexing="ij"), axis=-1)
 
 
-def _raise_factors(cost, distance, hull_radius, table):
+def _raise_factors(cost, distance, hull_radius, table, margins):
     """Raise the cost of each cell to the table's factor at its distance from something."""
     for gap, factor in table:
-        close = distance < hull_radius + gap
+        close = distance < hull_radius + margins * gap
         cost[close] = np.maximum(cost[close], factor)
 
 
-def way_fields(clearance, goal_cell, resolution, hull_radius, people=None, boxes=None):
+def way_fields(clearance, goal_cell, resolution, hull_radius, people=None, boxes=None, margins=1.0):
     """Way left to the goal, dear where the hull would be close to something.
 
     Args:
@@ -54,17 +54,18 @@ def way_fields(clearance, goal_cell, resolution, hull_radius, people=None, boxes
         resolution: cell size [m].
         hull_radius: [m].
         people, boxes: (H, W) distance to the nearest that stands [m], or None. Dear, never closed: they may move on.
+        margins: factor on the gaps from which on closeness is dear.
 
     Returns:
         (4, H, W) f64 layers of `kernels.sampling`: the clearance, the way [m] (inf in solid cells and where there is
         none), the factor on the length of a step, and -1.
     """
     cost = np.ones(clearance.shape)
-    _raise_factors(cost, clearance, hull_radius, _GAP_FACTORS)
+    _raise_factors(cost, clearance, hull_radius, _GAP_FACTORS, margins)
     if people is not None:
-        _raise_factors(cost, people, hull_radius, _PERSON_FACTORS)
+        _raise_factors(cost, people, hull_radius, _PERSON_FACTORS, margins)
     if boxes is not None:
-        _raise_factors(cost, boxes, hull_radius, _BOX_FACTORS)
+        _raise_factors(cost, boxes, hull_radius, _BOX_FACTORS, margins)
     cost[clearance < _CLOSED_M] = np.inf
     way = routing.distance_field(cost, goal_cell, resolution)
     return np.stack([clearance, way, cost, np.full(cost.shape, -1.0)])
@@ -148,6 +149,7 @@ class Ceiling(SamplingPlanner):
     def __init__(self, settings: Config, max_speed: float | None = None, calm: float = 0.0):
         super().__init__(settings, max_speed, calm)
         self._kept: dict[int, tuple] = {}
+        self.margins = 1.0
 
     def reset(self, indices):
         """Forget the fields of the worlds listed."""
@@ -170,7 +172,7 @@ class Ceiling(SamplingPlanner):
         """The fields of a world, computed anew when the goal or what stands has changed."""
         circles = circles[np.hypot(circles[:, 3], circles[:, 4]) < STANDING_M_S]
         boxes = boxes[np.hypot(boxes[:, 6], boxes[:, 7]) < STANDING_M_S]
-        key = (*truth["goal"].tolist(), *circles[:, :2].round(1).ravel(), *boxes[:, :4].round(1).ravel())
+        key = (self.margins, *truth["goal"].tolist(), *circles[:, :2].round(1).ravel(), *boxes[:, :4].round(1).ravel())
         kept = self._kept.get(i)
         if kept is not None and kept[0] == key:
             return kept[1]
@@ -185,7 +187,7 @@ class Ceiling(SamplingPlanner):
             to_boxes = np.minimum(to_boxes, np.hypot(u, v))
         cell = np.clip((np.asarray(truth["goal"])[::-1] / resolution).astype(int), 0, np.array(static.shape) - 1)
         hull = self.settings.robot.hull_radius_m
-        fields = way_fields(static, cell, resolution, hull, to_people, to_boxes)
+        fields = way_fields(static, cell, resolution, hull, to_people, to_boxes, self.margins)
         self._kept[i] = key, fields
         return fields
 
