@@ -111,10 +111,11 @@ def verdict_lines(table: pd.DataFrame) -> list[str]:
     for row in table[table.source != PUBLISHED].itertuples():
         beats = beats_claim(row)
         if beats is not None:
-            word = "is beaten" if beats else "is not beaten with certainty"
-            low = f"at least {percent(row.exact_low)} (exact, 95 %)"
+            is_missed = row.exact_high < row.article_claim
+            word = "is beaten" if beats else "is missed" if is_missed else "is not beaten with certainty"
+            bounds = f"{percent(row.exact_low)} to {percent(row.exact_high)} (exact, 95 %)"
             lines.append(
-                f"- {titles.get(row.scenario, row.scenario)}, `{row.arm}`: {row.survived} of {row.episodes}, {low}; "
+                f"- {titles.get(row.scenario, row.scenario)}, `{row.arm}`: {row.survived} of {row.episodes}, {bounds}; "
                 f"the article's {percent(row.article_claim, 0)} {word}."
             )
     return lines

@@ -144,7 +144,7 @@ def test_more_thrift_means_a_slower_teacher():
     assert teacher.wanted_speed(1.0, 0.15) == pytest.approx(Teacher.THRIFTY_M_S, abs=1e-3)
 
 
-@pytest.mark.parametrize("walkers, is_fast", [(Teacher.CROWD - 1, False), (Teacher.CROWD, True)])
+@pytest.mark.parametrize(("walkers", "is_fast"), [(Teacher.CROWD - 1, False), (Teacher.CROWD, True)])
 def test_thrift_waits_while_a_crowd_walks_by(walkers, is_fast):
     env = DynamicNavVectorEnv(1, DRAWN, "navigation", truth=True)
     _, infos = env.reset(seed=11, options={"preference": 1.0})

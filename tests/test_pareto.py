@@ -10,7 +10,7 @@ from dualnav_lite.judge import beats_claim, bounds, judge
 from dualnav_lite.metrics import bootstrap_rate
 from dualnav_lite.pareto import front, hypervolume, on_front, pareto, pareto_episodes, reference_point, safe_distance
 from dualnav_lite.reference import joined, published_rows
-from dualnav_lite.report import latex, markdown, report, survival_lines
+from dualnav_lite.report import latex, markdown, report, survival_lines, verdict_lines
 from dualnav_lite.survival import rows_of
 
 
@@ -178,6 +178,16 @@ def test_the_report_names_bounds_claims_failures_and_published_arms():
     ):
         assert part.lower() in text.lower(), part
     assert len(survival_lines(tables["survival"])) == 2 + 3
+
+
+@pytest.mark.parametrize(
+    ("survived", "word"), [(50, "is beaten"), (48, "is not beaten with certainty"), (20, "is missed")]
+)
+def test_the_report_tells_a_claim_that_is_missed_from_one_left_open(survived, word):
+    wins = [("pop_up", "ppo", s, "goal" if s < survived else "timeout") for s in range(50)]
+    table = judge(rows(*wins), published_rows())["survival"].assign(article_claim=0.92)
+    (line, *_) = verdict_lines(table)
+    assert line.endswith(f"the article's 92 % {word}.")
 
 
 def test_tables_as_text_keep_columns_in_line_and_print_in_latex_as_they_are():
