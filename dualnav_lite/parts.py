@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cloudpickle
 import nbformat
 
 from dualnav_lite.check import LESSONS, judge, lesson_of, reference
@@ -72,6 +73,7 @@ def _run(cells: list[tuple[str, str]], name: str) -> dict:
     """Names that the cells define; a cell that raises defines nothing, and no cell prints."""
     module = types.ModuleType(name)
     sys.modules[name] = module
+    cloudpickle.register_pickle_by_value(module)  # processes of `ParallelVectorEnv` cannot import it
     for exercise, source in cells:
         with contextlib.suppress(Exception), contextlib.redirect_stdout(io.StringIO()):
             exec(compile(source, f"{name}.{exercise or 'given'}", "exec"), module.__dict__)

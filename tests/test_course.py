@@ -1,7 +1,11 @@
 """The student version: stubs where solutions were and nothing else; whose part is used; release and export."""
 
 import json
+import subprocess
+import sys
+from dataclasses import fields
 
+import cloudpickle
 import nbformat
 import numpy as np
 import pytest
@@ -12,6 +16,7 @@ from dualnav_lite.config import Config, UnusableInput
 from dualnav_lite.evaluate import evaluate, library_arm
 from dualnav_lite.exercises import BEGIN, stub, student_notebook
 from dualnav_lite.notebooks import ROOT
+from dualnav_lite.rewards import TERMS, Transition
 
 LESSON_FILES = [ROOT / "notebooks" / f"{lesson}.ipynb" for lesson in LESSONS]
 LESSONS_ORDER = list(LESSONS)
@@ -102,6 +107,18 @@ def test_an_arm_drives_in_worlds_with_the_students_parts(tmp_path):
     assert library_arm(arm, Config()).fingerprint != getattr(library_arm("stand_still", Config()), "fingerprint", "")
     with pytest.raises(UnusableInput, match=r"parts\.json"):
         parts.arms_with_parts(tmp_path, ["stand_still"])
+
+
+def test_a_students_part_travels_to_the_processes_that_simulate(capsys):
+    mine = parts.part("reward_terms", ROOT / "notebooks")
+    assert "yours" in capsys.readouterr().out
+    step = Transition(**{one.name: 1.0 for one in fields(Transition)})
+    code = "import pickle, sys; mine, step = pickle.load(sys.stdin.buffer); print(sorted(mine(step)))"
+    there = subprocess.run(
+        [sys.executable, "-c", code], input=cloudpickle.dumps((mine, step)), capture_output=True
+    )
+    assert there.returncode == 0, there.stderr.decode()
+    assert there.stdout.decode().strip() == str(sorted(TERMS))
 
 
 def test_a_cell_that_raises_costs_only_its_own_exercise(tmp_path):

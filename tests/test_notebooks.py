@@ -259,4 +259,4 @@ def test_the_lesson_that_trains_by_the_clock_states_its_minutes_and_the_judging(
     cells = [cell.source for cell in nbformat.read(lesson, as_version=4).cells]
     minutes = re.search(r"^minutes = [\d.]+ if quick else ([\d.]+)$", "\n".join(cells), re.MULTILINE)
     stated = int(SECONDS.search(head_of(lesson).replace("\n", " "))[1])
-    assert 60 * float(minutes[1]) <= stated <= 600
+    assert 2 * 60 * float(minutes[1]) <= stated <= 2 * 600  # on two cores, ten minutes in all
