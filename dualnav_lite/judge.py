@@ -112,13 +112,16 @@ def bounds(table: pd.DataFrame, scenario: str) -> dict[str, pd.Series]:
     return found
 
 
-def beats_claim(row) -> bool | None:
-    """Whether the exact 95 % lower bound lies above the article's claim; of a claim of 100 %, whether none failed."""
+def beside_claim(row) -> str | None:
+    """How a row of a survival table stands to the article's claim: "beaten", "missed", "open", None without a claim.
+
+    Beaten: the exact 95 % lower bound lies above it; of a claim of 100 %, nobody failed. Missed: the upper bound lies
+    below.
+    """
     if np.isnan(row.article_claim):
         return None
-    if row.article_claim >= 1.0:
-        return bool(row.survived == row.episodes)
-    return bool(row.exact_low > row.article_claim)
+    beaten = row.survived == row.episodes if row.article_claim >= 1.0 else row.exact_low > row.article_claim
+    return "beaten" if beaten else "missed" if row.exact_high < row.article_claim else "open"
 
 
 def judge_folder(results: str | Path, reference: Path | None = None) -> dict[str, pd.DataFrame]:

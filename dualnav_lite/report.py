@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 
 from dualnav_lite import __version__
-from dualnav_lite.judge import BLIND, CEILING, FLOOR, PUBLISHED, beats_claim, bounds, is_kind
+from dualnav_lite.judge import BLIND, CEILING, FLOOR, PUBLISHED, beside_claim, bounds, is_kind
 from dualnav_lite.scenario import all_scenarios
 
 HEADER = ("scenario", "arm", "survived", "rate", "95 %", "article", "best blind arm", "ceiling", "clearance", "energy")
@@ -109,10 +109,9 @@ def verdict_lines(table: pd.DataFrame) -> list[str]:
     """A sentence for each measured row that the article makes a claim about."""
     titles, lines = {name: scenario.title for name, scenario in all_scenarios().items()}, []
     for row in table[table.source != PUBLISHED].itertuples():
-        beats = beats_claim(row)
-        if beats is not None:
-            is_missed = row.exact_high < row.article_claim
-            word = "is beaten" if beats else "is missed" if is_missed else "is not beaten with certainty"
+        stands = beside_claim(row)
+        if stands:
+            word = {"beaten": "is beaten", "missed": "is missed", "open": "is not beaten with certainty"}[stands]
             bounds = f"{percent(row.exact_low)} to {percent(row.exact_high)} (exact, 95 %)"
             lines.append(
                 f"- {titles.get(row.scenario, row.scenario)}, `{row.arm}`: {row.survived} of {row.episodes}, {bounds}; "

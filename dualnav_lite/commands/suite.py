@@ -38,17 +38,23 @@ def stress_plan(arms, episodes, long_runs, quick, seed_base, jobs, shard, cluste
 
 
 def show_stress(plan, tables, failed) -> int:
-    """Print who survived, what failed and where the rest is."""
-    from dualnav_lite.report import survival_lines
+    """Print who survived, what failed and where the rest is; 1 where something failed or missed the article's rate."""
+    from dualnav_lite.judge import PUBLISHED, beside_claim
+    from dualnav_lite.report import survival_lines, verdict_lines
+    from dualnav_lite.stress import POLICY_ARMS
 
+    missed = False
     if tables:
-        print("\n".join(survival_lines(tables["survival"])))
+        survival = tables["survival"]
+        measured = survival[(survival.source != PUBLISHED) & survival.arm.isin(POLICY_ARMS)]
+        missed = any(beside_claim(row) == "missed" for row in measured.itertuples())
+        print("\n".join([*survival_lines(survival), "", *verdict_lines(survival)]))
         print(f"\nreport, tables, figures and executed notebooks: {plan.out}")
     else:
         print(f"shard {plan.shard} is done: bring the shards' folders together by `merge`")
     for what, reason in failed:
         print(f"FAILED {what}: {reason}", file=sys.stderr)
-    return 1 if failed else 0
+    return 1 if failed or missed else 0
 
 
 @app.command()
