@@ -114,9 +114,7 @@ def test_a_students_part_travels_to_the_processes_that_simulate(capsys):
     assert "yours" in capsys.readouterr().out
     step = Transition(**{one.name: 1.0 for one in fields(Transition)})
     code = "import pickle, sys; mine, step = pickle.load(sys.stdin.buffer); print(sorted(mine(step)))"
-    there = subprocess.run(
-        [sys.executable, "-c", code], input=cloudpickle.dumps((mine, step)), capture_output=True
-    )
+    there = subprocess.run([sys.executable, "-c", code], input=cloudpickle.dumps((mine, step)), capture_output=True)
     assert there.returncode == 0, there.stderr.decode()
     assert there.stdout.decode().strip() == str(sorted(TERMS))
 
