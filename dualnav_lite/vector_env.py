@@ -12,11 +12,12 @@ from dualnav_lite import rewards, streams
 from dualnav_lite.config import Config, UnusableInput, load_config
 from dualnav_lite.interface import action_box, checked_actions, checked_reset, observation_box
 from dualnav_lite.journal import Journal
-from dualnav_lite.perception import Percept, Perception, true_movers
+from dualnav_lite.perception import Percept, Perception
 from dualnav_lite.render import draw
+from dualnav_lite.reward_model import RewardModel
 from dualnav_lite.scenario import Scenario, load_scenario
 from dualnav_lite.simulation import Simulation
-from dualnav_lite.task import Ends, Task
+from dualnav_lite.task import Task
 from dualnav_lite.truth import truth_of
 
 STRESS_SCENARIOS = ("pop_up", "crowd_crossing", "low_light", "battery", "comms_dropout")
@@ -87,6 +88,7 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
         self.reward_space = gymnasium.spaces.Box(-np.inf, np.inf, (len(rewards.TERMS),), np.float64)
         self.sim = Simulation(num_envs, self.config)
         self.perception = Perception(num_envs, self.config, encoder, predictor)
+        self.reward_model = RewardModel(num_envs, self.config.rewards, self.config.robot.hull_radius_m, reward_function)
         self.task = Task(num_envs, self.config.control_dt_s)
         self.journal = Journal(num_envs)
         self.preference = np.zeros(num_envs)
@@ -94,10 +96,7 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
         self.percept: Percept | None = None
         self.trails: list[list[np.ndarray]] = [[] for _ in range(num_envs)]
         self._show_truth, self._show_map, self._autoreset = truth, full_map, autoreset
-        self._reward_function = reward_function
         self._seeds: list[np.random.Generator | None] = [None] * num_envs
-        form = self.config.rewards.form
-        self._window = rewards.WindowScore(num_envs) if form == "article_fixed" else None
         self._observations = np.zeros(self.observation_space.shape, np.float32)
 
     def reset(self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None):
@@ -137,8 +136,7 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
         self.task.reset(world, self.sim)
         self.is_done[world] = False
         self.trails[world] = [self.sim.poses[world].copy()]
-        if self._window is not None:
-            self._window.reset([world])
+        self.reward_model.reset(world)
 
     def _sense_first(self, mask) -> None:
         """First observation of the worlds in the mask."""
@@ -212,7 +210,7 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
         self._merge(percept, active)
         still = idle | ~active
         way = np.where(still, 0.0, path_before), np.where(still, 0.0, path_after)
-        terms = self._reward_terms(way, ends, active)
+        terms = self.reward_model.terms(sim, self.percept, way, ends, active)
         vector = rewards.vector_reward(terms)
         weights = rewards.reward_weights(self.preference, sim.robots.battery, self.config.rewards)
         self._encode(active)
@@ -234,47 +232,6 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
         if self._autoreset and self.is_done.any():
             infos = self._restart(infos)
         return self._observations, (vector * weights).sum(axis=1), ends.terminated, ends.truncated, infos
-
-    def _reward_terms(self, way, ends: Ends, active) -> dict[str, np.ndarray]:
-        """The five terms, (n,) each; `way` is the way to the goal before and after, 0 where none is open."""
-        sim, percept = self.sim, self.percept
-        true_velocity = predicted_velocity = np.zeros((self.num_envs, 2))
-        if self.config.rewards.form != "repaired":
-            true_velocity, predicted_velocity = rewards.matched_velocities(percept.prediction, *true_movers(sim))
-        transition = rewards.Transition(
-            clearance=ends.clearance,
-            min_range=percept.scans[:, :, 0].min(axis=1),
-            action=sim.robots.twist,
-            mover_velocity=true_velocity,
-            predicted_velocity=predicted_velocity,
-            intrusion=rewards.predicted_intrusion(
-                sim.robots.twist, percept.prediction, self.config.robot.hull_radius_m
-            ),
-            energy_j=sim.robots.energy_j,
-            reference_j=np.full(self.num_envs, sim.robots.reference_joules),
-            path_before=way[0],
-            path_after=way[1],
-            goal_distance=np.hypot(*(sim.goals - sim.poses[:, :2]).T),
-            reached=ends.reached,
-            collided=ends.collided,
-            flat_battery=ends.flat,
-        )
-        if self._reward_function is None:
-            terms = rewards.reward_terms(transition, self.config.rewards)
-        else:
-            terms = self._terms_of_student(transition)
-        if self._window is not None:
-            terms = self._window(terms, active)
-        return {name: np.where(active, values, 0.0) for name, values in terms.items()}
-
-    def _terms_of_student(self, transition: rewards.Transition) -> dict[str, np.ndarray]:
-        found = []
-        for i in range(self.num_envs):
-            terms = self._reward_function(rewards.Transition(**{k: v[i] for k, v in vars(transition).items()}))
-            if set(terms) != set(rewards.TERMS):
-                raise ValueError(f"reward_terms must return {', '.join(rewards.TERMS)}; got {', '.join(sorted(terms))}")
-            found.append(terms)
-        return {name: np.array([float(terms[name]) for terms in found]) for name in rewards.TERMS}
 
     def present_infos(self) -> dict[str, Any]:
         """The infos a reset returns, of the worlds as they stand."""

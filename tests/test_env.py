@@ -361,6 +361,22 @@ def test_a_student_s_parts_are_called_a_world_at_a_time():
     assert calls == {"encoder": 4, "reward": 2, "predictor": 2}
 
 
+def test_a_student_s_reward_sees_how_fast_the_nearest_mover_goes_and_was_thought_to_go():
+    seen = []
+
+    def reward_terms(t):
+        seen.append([*t.mover_velocity, *t.predicted_velocity])
+        return dict.fromkeys(TERMS, 0.0)
+
+    env = DynamicNavVectorEnv(2, scenario="crowd_reactive", reward_function=reward_terms)
+    _, infos = env.reset(seed=FIRST)
+    for _ in range(100):
+        _, _, _, _, infos = env.step(seek({"goal_robot": infos["guide_robot"]}))
+    true, predicted = np.hypot(*np.array(seen).reshape(-1, 2, 2).T)
+    assert true.max() > 0.5
+    assert predicted.max() > 0.2
+
+
 def test_a_part_that_returns_other_terms_is_told_which_are_wanted():
     env = DynamicNavVectorEnv(1, scenario="navigation", reward_function=lambda t: {"safe": 1.0})
     env.reset(seed=FIRST)
