@@ -61,7 +61,7 @@ def probe(tier: Annotated[str, typer.Option(help="A or B; the best that works if
     for name, denied in sorted(found.items()):
         print(f"{'denied' if denied else 'OPEN':<8}{name}")
     print(f"tier {chosen}: {TIERS[chosen]}")
-    return 1 if leaks(chosen, found) else 0
+    return 1 if leaks(found) else 0
 
 
 @app.command()

@@ -23,6 +23,9 @@ MOST_FOLDERS_DEEP = 6
 MOST_NAME = 200
 
 
+JOINERS = "\u200c\u200d"  # of letters, in Persian and Indic names
+
+
 class Rejected(ValueError):
     """A submission that is not opened; its text is a reason code."""
 
@@ -49,7 +52,7 @@ class Submission:
 def is_plain(name: str) -> bool:
     """Whether a name is printable text in any script: no control, no half character, no direction override."""
     return 0 < len(name) <= MOST_NAME and not any(
-        unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp") for c in name
+        unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp") and c not in JOINERS for c in name
     )
 
 
@@ -138,6 +141,8 @@ def take_in(folder: Path, wanted: frozenset[str]) -> list[Submission]:
 def _one(entry, wanted: frozenset[str]) -> Submission:
     """One folder as a submission."""
     moodle = MOODLE.fullmatch(entry.name)
+    if moodle and not is_plain(entry.name):
+        return Submission(moodle["id"], "", rejected="folder_name", sha256=digest({}))
     if moodle:
         submission = Submission(moodle["id"], entry.name)
     elif is_plain(entry.name):

@@ -11,7 +11,8 @@ class Limits:
     memory_mb: int = 2500  # of all its processes and files together, enforced by the watchdog
     address_space_mb: int = 12_000  # of one process; torch maps far more than it touches
     processes: int = 160  # and threads
-    open_files: int = 512
+    open_files: int = 512  # of one process
+    descriptors: int = 2_000  # of all: each may hold memory in the kernel, such as the buffer of a socket
     file_mb: int = 64
     disk_mb: int = 256
     files: int = 20_000

@@ -129,29 +129,36 @@ class _Run:
         return exercise in self._outcomes and self._outcomes[exercise].status == "passed"
 
     def together(self) -> None:
-        """All of the student's cells in one sandbox; an exercise that calls one that did not pass stays open."""
-        while todo := self._open():
-            with self._session(self._usable) as session:
+        """All of the student's cells in one sandbox; an exercise that calls one that did not pass stays open.
+
+        One that ends the sandbox stays open too, and its cell is left out from then on: another cell may have done it.
+        """
+        cells = dict(self._usable)
+        while todo := [name for name in self._open() if self._own_parts(name, cells)]:
+            with self._session(cells) as session:
                 if isinstance(session, Outcome):
-                    if session.status == "ungraded" or len(self._usable) == 1:
+                    if session.status == "ungraded" or len(cells) == 1:
                         self._outcomes.update({name: session for name in todo})
                     return  # some cell spoils it for the others; each alone tells which
-                died = self._ask_all(session, [name for name in todo if self._own_parts(name)])
-                if not died:
+                ended = self._ask_all(session, todo, len(cells) == 1)
+                if not ended:
                     return
+                del cells[ended]
 
-    def _own_parts(self, exercise: str) -> bool:
-        return all(need in self._usable for need in self._needs(exercise))
+    def _own_parts(self, exercise: str, cells: dict[str, str]) -> bool:
+        return all(name in cells for name in (exercise, *self._needs(exercise)))
 
-    def _ask_all(self, session, todo: list[str]) -> bool:
-        """Grade in order; whether the sandbox is of no more use."""
+    def _ask_all(self, session, todo: list[str], is_alone: bool) -> str:
+        """Grade in order; the exercise that ended the sandbox, or nothing."""
         for name in todo:
             if not all(self._has_passed(need) for need in self._needs(name)):
                 continue
-            self._outcomes[name], died = self._ask(session, name, dict.fromkeys(self._needs(name), "student"))
+            outcome, died = self._ask(session, name, dict.fromkeys(self._needs(name), "student"))
+            if is_alone or not died:
+                self._outcomes[name] = outcome
             if died:
-                return True
-        return False
+                return name
+        return ""
 
     def one_by_one(self) -> None:
         """Each exercise that is open in a sandbox of its own; what it calls is the reference where it did not pass."""

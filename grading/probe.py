@@ -11,9 +11,6 @@ from grading.job import Job, Limits, SandboxError
 from grading.sandbox import Sandbox
 from grading.wire import ProtocolError
 
-# Tier B has no namespaces: these do not hold there, and the instructor's page says so.
-NOT_IN_TIER_B = frozenset({"path_socket"})
-
 
 def probe(tier: str) -> dict[str, bool]:
     """Whether each trial of `probe_inside.py` was denied in a sandbox of this tier.
@@ -52,7 +49,6 @@ def probe(tier: str) -> dict[str, bool]:
         return {trial: int(value) == 1 for trial, value in arrays.items()}
 
 
-def leaks(tier: str, found: dict[str, bool]) -> list[str]:
-    """Trials that went through although this tier promises that they do not."""
-    allowed = NOT_IN_TIER_B if tier == "B" else frozenset()
-    return sorted(name for name, denied in found.items() if not denied and name not in allowed)
+def leaks(found: dict[str, bool]) -> list[str]:
+    """Trials that went through although every tier promises that they do not."""
+    return sorted(name for name, denied in found.items() if not denied)

@@ -18,7 +18,7 @@ KERNEL = {
 }
 # The paths are looked up inside, since they differ between tiers.
 SERVE = """import os as _os, sys as _sys
-_sys.path.append(_os.environ["GRADING_FOLDER"])
+_sys.path.insert(0, _os.environ["GRADING_FOLDER"])
 import serve as _serve
 _serve.run(globals(), _os.environ["GRADING_SOCKET"], _os.environ["GRADING_EXECUTED"])
 """
@@ -44,10 +44,10 @@ class Master:
 
 
 def text_of(source) -> str | None:
-    """A cell's source as a string; None where it is no text, too long, or holds half of a character."""
+    """A cell's source as a string; None where it is no text, too long, or holds NUL or half of a character."""
     if isinstance(source, list) and all(isinstance(line, str) for line in source):
         source = "".join(source)
-    if not isinstance(source, str) or len(source) > MOST_SOURCE:
+    if not isinstance(source, str) or len(source) > MOST_SOURCE or "\0" in source:  # a NUL marks our own reasons
         return None
     try:
         source.encode("utf-8")

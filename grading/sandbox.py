@@ -5,12 +5,12 @@ apply in both.
 """
 
 import contextlib
+import itertools
 import json
 import os
 import shutil
 import signal
 import socket
-import stat
 import subprocess
 import sys
 import tempfile
@@ -26,8 +26,19 @@ from grading.watchdog import Watchdog
 from grading.wire import ClosedError, Connection, DeadlineError, ProtocolError
 
 HERE = Path(__file__).resolve().parent
-BROUGHT = ("inside.py", "landlock.py", "seccomp.py", "wire.py", "serve.py", "adapters.py", "probe_inside.py")
+BROUGHT = (
+    "inside.py",
+    "supervisor.py",
+    "landlock.py",
+    "seccomp.py",
+    "wire.py",
+    "serve.py",
+    "adapters.py",
+    "probe_inside.py",
+)
 PREFIX = "dualnav-grading-"  # of temporary folders; the pid of who made one follows, so that `sweep` knows whose it is
+FIRST_USER, USERS_A_PROCESS = 2_000_300_000, 32  # above what directories of users and systemd give out
+_USERS = itertools.count()
 STARTED = b"grading: rights given up, starting\n"  # printed by `inside.py` before anything of others runs
 
 
@@ -49,6 +60,7 @@ class Sandbox:
         self._process: subprocess.Popen | None = None
         self._watchdog: Watchdog | None = None
         self._listener: socket.socket | None = None
+        self._lifeline: int | None = None
         try:
             self._start()
         except BaseException as error:
@@ -61,18 +73,21 @@ class Sandbox:
 
     def _start(self) -> None:
         job, limits, here = self._job, self._job.limits, self.folder
-        for name in ("grader", "socket"):
+        has_mounts = self._tier == "A"
+        for name in ("grader", "socket" if has_mounts else "work"):
             (here / name).mkdir()
             os.chmod(here / name, 0o755)
-        shown = Path("/grader") if self._tier == "A" else here / "grader"
-        work = Path("/tmp/work") if self._tier == "A" else here / "work"
-        packages = shown / "packages" if self._tier == "A" else job.packages
-        sockets = shown / "socket" if self._tier == "A" else here / "socket"
+        shown = Path("/grader") if has_mounts else here / "grader"
+        work = Path("/tmp/work") if has_mounts else here / "work"
+        packages = shown / "packages" if has_mounts else job.packages
+        # Without mounts every address is a short name in the working folder: the filter refuses longer ones.
+        endpoint = str(shown / "socket" / "scorer") if has_mounts else "s"
+        self._listen(here / "socket" / "scorer" if has_mounts else work / "s")
         for name in BROUGHT:
             self._bring(name, (HERE / name).read_bytes())
         for name, content in job.brought.items():
             self._bring(name, content)
-        uid = 1_900_000_000 + os.getpid() if is_root() and self._tier == "A" else 0
+        uid = _next_user() if is_root() and has_mounts else 0
         kernels = here / "grader" / "kernels"
         if job.kernels and packages:
             kernels.mkdir()
@@ -80,10 +95,12 @@ class Sandbox:
             shutil.copytree(job.kernels, place, ignore=lambda _, names: [n for n in names if ".nb" not in n])
             for path in [kernels, place, *place.iterdir()]:
                 os.chmod(path, 0o755 if path.is_dir() else 0o644)
-        environment = self._environment(work, packages, sockets, shown)
-        told = {
+        environment = self._environment(work, packages, endpoint, shown)
+        told: dict = {
             "uid": uid,
+            "lifeline": 0,
             "work": str(work),
+            "kernel": str(work / "kernel") if has_mounts else "k",
             "notebook": str(shown / "notebook.ipynb"),
             "executed": str(work / "executed.ipynb"),
             "start_s": int(limits.start_s),
@@ -93,7 +110,7 @@ class Sandbox:
             "capabilities": self._tier == "UNSANDBOXED",
             "landlock": self._tier == "B",
             "seccomp": self._tier == "B" or (self._tier == "A" and is_root()),
-            "readable": [*system_folders(), str(shown), str(sockets), *([str(packages)] if packages else [])],
+            "readable": [*system_folders(), str(shown), *([str(packages)] if packages else [])],
             "devices": DEVICES,
             "limits": {
                 "CORE": 0,
@@ -105,20 +122,23 @@ class Sandbox:
                 "MSGQUEUE": 0,
             },
         }
+        if not has_mounts:
+            told["lifeline"], self._lifeline = os.pipe()
         self._bring("job.json", json.dumps(told).encode("utf-8"))
-        self._listen()
         # `-I`: no PYTHON* variable, no user site, no folder of the script in the path.
         program = [sys.executable, "-I", "-B", str(shown / "inside.py"), str(shown / "job.json")]
-        if self._tier == "A":
+        if has_mounts:
             options = [*bubblewrap.isolation(), *bubblewrap.mounts(here, job.packages, limits)]
             self._process, self._first = bubblewrap.start(program, environment, options)
         else:
-            work.mkdir()
-            self._process = plain.start(program, environment)
+            try:
+                self._process = plain.start(program, environment, told["lifeline"])
+            finally:
+                os.close(told["lifeline"])
             self._first = self._process.pid
         os.set_blocking(self._process.stdout.fileno(), True)
         threading.Thread(target=self._drain, daemon=True).start()
-        self._watchdog = Watchdog(self._first, limits, self._kill, work if self._tier != "A" else None, uid)
+        self._watchdog = Watchdog(self._first, limits, self._kill, None if has_mounts else work, uid)
         self._watchdog.start()
 
     def _bring(self, name: str, content: bytes) -> None:
@@ -126,7 +146,7 @@ class Sandbox:
         path.write_bytes(content)
         os.chmod(path, 0o644)
 
-    def _environment(self, work: Path, packages: Path | None, sockets: Path, shown: Path) -> dict[str, str]:
+    def _environment(self, work: Path, packages: Path | None, endpoint: str, shown: Path) -> dict[str, str]:
         """Every variable that the program sees; nothing of the caller's comes along."""
         known = {
             "PATH": f"{sys.prefix}/bin:/usr/bin:/bin",
@@ -145,22 +165,22 @@ class Sandbox:
             "JUPYTER_RUNTIME_DIR": str(work / "kernel"),
             "GRADING_FOLDER": str(shown),
             "GRADING_EXECUTED": str(work / "executed.ipynb"),
-            "GRADING_SOCKET": str(sockets / "scorer"),
+            "GRADING_SOCKET": endpoint,
             "GRADING_WEIGHTS": str(shown / "weights"),
         }
         if packages:
             known["PYTHONPATH"] = str(packages)
         return known | self._job.environment
 
-    def _listen(self) -> None:
+    def _listen(self, path: Path) -> None:
         """The socket that the scorer waits at; bound through a handle, since its path may be too long (108 bytes)."""
         self._listener = socket.socket(socket.AF_UNIX)
-        handle = os.open(self.folder / "socket", os.O_PATH | os.O_DIRECTORY)
+        handle = os.open(path.parent, os.O_PATH | os.O_DIRECTORY)
         try:
-            self._listener.bind(f"/proc/self/fd/{handle}/scorer")
+            self._listener.bind(f"/proc/self/fd/{handle}/{path.name}")
         finally:
             os.close(handle)
-        os.chmod(self.folder / "socket" / "scorer", 0o666 if is_root() else 0o600)
+        os.chmod(path, 0o666 if is_root() else 0o600)
         self._listener.listen(1)
 
     def _drain(self) -> None:
@@ -218,8 +238,8 @@ class Sandbox:
         if self._tier == "A":
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self._first, signal.SIGKILL)  # the first process of its namespace takes all others along
-        else:
-            self._watchdog.kill_all() if self._watchdog else self._process.kill()
+        elif self._watchdog:
+            plain.kill(self._first, self._watchdog.members)
         with contextlib.suppress(ProcessLookupError):
             self._process.kill()
 
@@ -235,13 +255,18 @@ class Sandbox:
             self._process.stdout.close()
         if self._listener:
             self._listener.close()
-        for path in [self.folder, *(p for p in self.folder.rglob("*") if p.is_dir() and not p.is_symlink())]:
-            with contextlib.suppress(OSError):
-                os.chmod(path, stat.S_IRWXU)
-        shutil.rmtree(self.folder, ignore_errors=True)
+        if self._lifeline is not None:
+            os.close(self._lifeline)
+            self._lifeline = None
+        plain.remove(self.folder)
 
     def __enter__(self) -> "Sandbox":
         return self
 
     def __exit__(self, *_) -> None:
         self.close()
+
+
+def _next_user() -> int:
+    """A user id that no other sandbox has, whichever thread or process of root's starts it."""
+    return FIRST_USER + os.getpid() * USERS_A_PROCESS + next(_USERS) % USERS_A_PROCESS

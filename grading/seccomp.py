@@ -1,7 +1,8 @@
 """A seccomp filter, written out by hand: what a notebook never needs is refused by the kernel. x86-64 only.
 
 Refused with ENOSYS: `clone3` (its flags cannot be read by a filter; libc falls back to `clone`) and everything newer
-than the list below knows. Refused with EPERM: the rest. No library assembles it, since none is in requirements.txt.
+than the list below knows. Refused with EPERM: the rest, but for a few that are answered with success and not done.
+No library assembles it, since none is in requirements.txt.
 """
 
 import ctypes
@@ -31,12 +32,26 @@ DENIED = {
     "fanotify_init": 300, "fanotify_mark": 301, "name_to_handle_at": 303, "open_by_handle_at": 304,
     "clock_adjtime": 305, "setns": 308, "process_vm_readv": 310, "process_vm_writev": 311, "kcmp": 312,
     "finit_module": 313, "kexec_file_load": 320, "memfd_create": 319, "bpf": 321, "userfaultfd": 323,
-    "pidfd_send_signal": 424,
+    "pidfd_send_signal": 424, "setpriority": 141, "ioprio_set": 251, "inotify_init": 253, "inotify_init1": 294,
+    "setxattr": 188, "lsetxattr": 189, "fsetxattr": 190, "removexattr": 197, "lremovexattr": 198, "fremovexattr": 199,
 }  # fmt: skip
-SOCKET, CLONE, IOCTL, PRLIMIT, PERSONALITY = 41, 56, 16, 302, 135
+# Answered with success and not done: libzmq sets how its threads are scheduled and aborts where it may not.
+PRETENDED = {"sched_setparam": 142, "sched_setscheduler": 144, "sched_setaffinity": 203, "sched_setattr": 314}
+# What mounts keep from doing harm in tier A and Landlock does not look at. Sockets with a path: one may be a session
+# bus or a container's daemon, through which programs are started outside; so there are no symbolic links, the working
+# folder stays, and addresses are too short for any socket elsewhere. Modes, owners and times of files that are ours:
+# not done, and answered with success, since IPython copies its files with their modes. One group holds all processes.
+DENIED_WITHOUT_MOUNTS = {"symlink": 88, "symlinkat": 266}
+PRETENDED_WITHOUT_MOUNTS = {
+    "chmod": 90, "fchmod": 91, "chown": 92, "fchown": 93, "lchown": 94, "utime": 132, "utimes": 235, "fchownat": 260,
+    "futimesat": 261, "fchmodat": 268, "utimensat": 280, "chdir": 80, "fchdir": 81, "setpgid": 109, "setsid": 112,
+}  # fmt: skip
+SOCKET, CLONE, IOCTL, PRLIMIT, PERSONALITY, SOCKETPAIR, CONNECT = 41, 56, 16, 302, 135, 53, 42
+LONGEST_ADDRESS = 2 + 3 + 1  # family, a name of three characters in the working folder, NUL
+NOT_A_STREAM = 0b1110  # bits of a socket's kind that SOCK_STREAM has not
 NEWEST_OLD = 424  # the numbers after it were given out since Linux 5.2; only these are let through
 NEWER_ALLOWED = {"pidfd_open": 434, "close_range": 436, "openat2": 437, "faccessat2": 439, "epoll_pwait2": 441,
-                 "futex_waitv": 449, "fchmodat2": 452, "map_shadow_stack": 453}  # fmt: skip
+                 "futex_waitv": 449, "map_shadow_stack": 453}  # fmt: skip
 NEW_NAMESPACES = 0x7E020080  # CLONE_NEWTIME, NEWNS, NEWCGROUP, NEWUTS, NEWIPC, NEWUSER, NEWPID, NEWNET
 TIOCSTI, TIOCLINUX = 0x5412, 0x541C
 AF_UNIX, AF_NETLINK, NETLINK_ROUTE = 1, 16, 0
@@ -81,8 +96,12 @@ def is_supported() -> bool:
     return platform.system() == "Linux" and platform.machine() == "x86_64"
 
 
-def program() -> bytes:
-    """The filter as an array of `struct sock_filter`, which bubblewrap and the kernel take."""
+def program(mounts: bool = True) -> bytes:
+    """The filter as an array of `struct sock_filter`, which bubblewrap and the kernel take.
+
+    Args:
+        mounts: whether mounts keep the host's files and sockets out of sight; where not, more is denied.
+    """
     p = _Program()
     p.load(ARCH)
     p.jump(EQUAL, ARCHITECTURE, no="kill")
@@ -91,9 +110,14 @@ def program() -> bytes:
     for call, name in ((SOCKET, "socket"), (CLONE, "clone"), (IOCTL, "ioctl"), (PRLIMIT, "prlimit")):
         p.jump(EQUAL, call, yes=name)
     p.jump(EQUAL, PERSONALITY, yes="personality")
+    if not mounts:
+        for call, name in ((SOCKETPAIR, "kind"), (CONNECT, "address")):
+            p.jump(EQUAL, call, yes=name)
     p.jump(AT_LEAST, NEWEST_OLD + 1, yes="newer")
-    for number in sorted(DENIED.values()):
+    for number in sorted((DENIED if mounts else DENIED | DENIED_WITHOUT_MOUNTS).values()):
         p.jump(EQUAL, number, yes="eperm")
+    for number in sorted((PRETENDED if mounts else PRETENDED | PRETENDED_WITHOUT_MOUNTS).values()):
+        p.jump(EQUAL, number, yes="pretend")
     p.give(ALLOW)
     p.label("newer")
     for number in NEWER_ALLOWED.values():
@@ -101,10 +125,17 @@ def program() -> bytes:
     p.give(ERRNO | errno.ENOSYS)
     p.label("socket")
     p.load(_argument(0))
-    p.jump(EQUAL, AF_UNIX, yes="allow")
+    p.jump(EQUAL, AF_UNIX, yes="allow" if mounts else "kind")
     p.jump(EQUAL, AF_NETLINK, no="eperm")
     p.load(_argument(2))
     p.jump(EQUAL, NETLINK_ROUTE, yes="allow", no="eperm")
+    if not mounts:
+        p.label("kind")
+        p.load(_argument(1))
+        p.jump(ANY_BIT, NOT_A_STREAM, yes="eperm", no="allow")
+        p.label("address")
+        p.load(_argument(2))
+        p.jump(AT_LEAST, LONGEST_ADDRESS + 1, yes="eperm", no="allow")
     p.label("clone")
     p.load(_argument(0))
     p.jump(ANY_BIT, NEW_NAMESPACES, yes="eperm", no="allow")
@@ -121,6 +152,8 @@ def program() -> bytes:
     p.load(_argument(0))
     p.jump(EQUAL, 0xFFFFFFFF, yes="allow")
     p.jump(EQUAL, 0, yes="allow", no="eperm")
+    p.label("pretend")
+    p.give(ERRNO)
     p.label("eperm")
     p.give(ERRNO | errno.EPERM)
     p.label("allow")

@@ -15,7 +15,7 @@ def self_check(room: Room) -> None:
     """
     if room.tier != "UNSANDBOXED":
         try:
-            open_doors = leaks(room.tier, probe(room.tier))
+            open_doors = leaks(probe(room.tier))
         except SandboxError as error:
             raise UnusableInput(f"nothing is graded: {error}") from None
         if open_doors:

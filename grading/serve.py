@@ -8,7 +8,7 @@ import socket
 import sys
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parent))  # before the working folder, where the notebook may write
 
 import adapters
 import numpy as np

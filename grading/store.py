@@ -5,12 +5,12 @@ import fcntl
 import hashlib
 import json
 import os
-import shutil
 import tempfile
 from pathlib import Path
 
 from dualnav_lite.config import UnusableInput
 from grading.intake import Submission
+from grading.plain import remove
 from grading.sandbox import PREFIX
 
 
@@ -78,4 +78,4 @@ def sweep() -> None:
         owner = path.name.removeprefix(PREFIX).split("-")[0]
         with contextlib.suppress(OSError):
             if owner.isdigit() and not os.path.exists(f"/proc/{owner}") and path.stat().st_uid == os.geteuid():
-                shutil.rmtree(path, ignore_errors=True)
+                remove(path)

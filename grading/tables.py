@@ -22,7 +22,8 @@ COLUMNS = (
     "tier",
     "grader_version",
 )
-FORMULA = ("=", "+", "-", "@", "\t", "\r")
+# Also in full width, which a spreadsheet that is set to Chinese or Japanese takes for the same.
+FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 
 
 def defused(value: str) -> str:
@@ -33,7 +34,7 @@ def defused(value: str) -> str:
     >>> defused("-2.5")
     '-2.5'
     """
-    if value.lstrip(" ").startswith(FORMULA):
+    if value.startswith(FORMULA) or value.lstrip().startswith(FORMULA):
         try:
             float(value)
         except ValueError:

@@ -10,7 +10,7 @@ from grading import bubblewrap, landlock, seccomp
 
 TIERS = {
     "A": "bubblewrap: private namespaces, read-only system, seccomp, limits",
-    "B": "Landlock and seccomp: no process namespace, no hard cap on the disk, path sockets stay reachable",
+    "B": "Landlock and seccomp: no process namespace, no hard cap on the disk, files can be seen to exist",
     "UNSANDBOXED": "none: code of others runs with your rights",
 }
 

@@ -7,6 +7,7 @@ also copied into the sandbox, so it imports nothing but the standard library and
 
 import json
 import math
+import select
 import socket
 import struct
 import time
@@ -127,7 +128,9 @@ def _json_object(header: bytes) -> dict:
 
 
 def _is_word(value) -> bool:
-    return type(value) is str and len(value) <= MOST_NAME and all(c.isalnum() or c == "_" for c in value)
+    return (
+        type(value) is str and len(value) <= MOST_NAME and all(c.isascii() and (c.isalnum() or c == "_") for c in value)
+    )
 
 
 def describe(header: bytes, payload: int) -> tuple[str, int, str, list]:
@@ -211,6 +214,12 @@ class Connection:
             except OSError:
                 raise ClosedError("connection ended") from None
 
+    def has_waiting(self) -> bool:
+        """Whether something has come that nobody asked for, or the other side has hung up."""
+        poll = select.poll()
+        poll.register(self._socket, select.POLLIN)
+        return bool(poll.poll(0))
+
     def _take(self, count: int, deadline: float | None) -> bytearray:
         taken = bytearray(count)
         view = memoryview(taken)
@@ -262,6 +271,9 @@ class Caller:
         Raises:
             ProtocolError: anything but one reply or error with the id of this call, in time.
         """
+        if self._connection.has_waiting():
+            self._connection.receive(time.monotonic() + seconds)  # an end of file is told apart
+            raise ProtocolError("an answer before its call")
         self._number += 1
         deadline = time.monotonic() + seconds
         self._connection.send(pack("call", self._number, function, arrays), deadline)

@@ -4,4 +4,6 @@ import os
 import sys
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-collect_ignore = [] if sys.platform == "linux" else ["test_grading.py"]  # only Linux has what the sandbox is made of
+collect_ignore = (
+    [] if sys.platform == "linux" else ["test_grading.py", "test_attacks.py"]
+)  # only Linux has what the sandbox is made of

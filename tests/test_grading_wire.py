@@ -183,10 +183,24 @@ def test_only_the_answer_to_this_call_counts(pair, answer):
 
 def test_a_reply_that_was_sent_twice_spoils_the_next_call(pair):
     caller, there = pair
-    there.sendall(2 * wire.pack("reply", 1, "", {"values": np.zeros(1)}))
-    assert caller.ask("gae", {}, 1.0)[0] == ""
-    with pytest.raises(wire.ProtocolError):
-        caller.ask("gae", {}, 1.0)
+
+    def answer_twice():
+        there.recv(4096)
+        there.sendall(2 * wire.pack("reply", 1, "", {"values": np.zeros(1)}))
+
+    thread = threading.Thread(target=answer_twice)
+    thread.start()
+    assert caller.ask("gae", {}, 5.0)[0] == ""
+    thread.join()
+    with pytest.raises(wire.ProtocolError, match="before its call"):
+        caller.ask("gae", {}, 5.0)
+
+
+def test_an_answer_that_was_there_before_its_call_is_none(pair):
+    caller, there = pair
+    there.sendall(wire.pack("reply", 1, "", {"values": np.zeros(1)}))
+    with pytest.raises(wire.ProtocolError, match="before its call"):
+        caller.ask("gae", {}, 5.0)
 
 
 def test_an_end_of_file_is_told_apart(pair):

@@ -1,0 +1,121 @@
+"""Attacks on the grader: each ends as the table says, and nothing outside the sandbox notices any of them."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dualnav_lite.config import UnusableInput
+from grading.attacks.run import run
+from grading.attacks.table import read_table
+from grading.probe import leaks, probe
+from grading.tiers import choose_tier
+
+ROOT = Path(__file__).resolve().parents[1]
+TABLE = read_table()
+# One of each kind, none that waits for a deadline.
+FAST = (
+    "kill_everybody",
+    "daemon",
+    "hidden_files",
+    "network",
+    "path_sockets",
+    "host_writes",
+    "kernel_calls",
+    "patched_numpy",
+    "duplicate_reply",
+    "library_solution",
+    "told_by_exceptions",
+    "pages_and_formulas",
+    "chosen_reason",
+    "linked_notebook",
+    "control_folder_of_moodle",
+)
+FAST_IN_TIER_B = ("daemon_that_is_never_the_same", "path_sockets", "host_writes", "hidden_files", "patched_numpy")
+NOBODY = 65534
+
+
+def works(tier: str) -> None:
+    """Go on where a tier works; in CI fail, and elsewhere skip, where it does not."""
+    try:
+        choose_tier(wanted=tier)
+    except UnusableInput as error:
+        if os.environ.get("DUALNAV_NO_SKIPS"):
+            raise
+        pytest.skip(f"nothing can be graded here: {error}")
+
+
+def test_every_line_of_the_list_has_an_attack():
+    """The list is the one of the grading's design, item by item, as the table quotes it."""
+    lines = {attack.line for attack in TABLE.values()}
+    assert len(TABLE) >= 70
+    assert len([line for line in lines if not line.startswith("(ours)")]) >= 24
+    assert {*FAST, *FAST_IN_TIER_B} <= set(TABLE)
+
+
+@pytest.mark.parametrize("tier", ["A", "B"])
+def test_a_probe_finds_every_door_shut(tier):
+    works(tier)
+    found = probe(tier)
+    assert len(found) >= 29
+    assert leaks(found) == []
+
+
+@pytest.mark.parametrize(("tier", "names"), [("A", FAST), ("B", FAST_IN_TIER_B)])
+def test_a_dozen_attacks_end_as_they_should(tier, names):
+    works(tier)
+    endings, wrong = run([TABLE[name] for name in names], tier)
+    assert {one.attack.name: one.found for one in endings if not one.right} == {}
+    assert wrong == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tier", ["A", "B"])
+def test_all_attacks_end_as_they_should(tier):
+    works(tier)
+    endings, wrong = run(list(TABLE.values()), tier)
+    assert {one.attack.name: one.found for one in endings if not one.right} == {}
+    assert wrong == []
+    assert len(endings) == len(TABLE)
+
+
+def as_somebody_else(command: list[str], home: Path) -> list[str]:
+    """A command run by a normal user, where root runs the tests; closed folders on the way are opened for it alone."""
+    needed = sorted({str(ROOT), sys.prefix, sys.base_prefix})
+    closed = {
+        str(parent) for path in needed for parent in Path(path).parents if not parent.stat().st_mode & 0o001
+    }  # such as /root, where an interpreter may lie
+    mounts = ["--dev-bind", "/", "/"]
+    for folder in sorted(closed):
+        mounts += ["--perms", "0755", "--tmpfs", folder]
+    for path in needed:
+        if any(Path(path).is_relative_to(folder) for folder in closed):
+            mounts += ["--ro-bind", path, path]
+    become = ["setpriv", "--reuid", str(NOBODY), "--regid", str(NOBODY), "--clear-groups", "--no-new-privs"]
+    return ["bwrap", *mounts, *become, "env", f"HOME={home}", f"TMPDIR={home}", *command]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tier", ["A", "B"])
+def test_all_attacks_end_as_they_should_for_a_normal_user(tier, tmp_path_factory):
+    works(tier)
+    if os.geteuid() != 0:
+        pytest.skip("the tests are run by a normal user already")
+    home = tmp_path_factory.mktemp("home")
+    for path in (home, *home.parents):
+        if path.name.startswith("pytest") or path == home:
+            path.chmod(0o755)
+    os.chown(home, NOBODY, NOBODY)
+    command = [sys.executable, "-m", "grading.attacks", "--tier", tier, "--json"]
+    variables = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run(
+        as_somebody_else(command, home), cwd=ROOT, env=variables, capture_output=True, text=True, timeout=1500
+    )
+    assert done.stdout, done.stderr[-2000:]
+    told = json.loads(done.stdout)
+    assert {name: found for name, (right, found) in told["endings"].items() if not right} == {}
+    assert told["wrong"] == []
+    assert len(told["endings"]) == len(TABLE)
