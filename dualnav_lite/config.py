@@ -65,6 +65,7 @@ class Lidar(Frozen):
     range_min_m: Positive = 0.05
     range_max_m: Positive = 10.0
     label_confusion: Share = 0.02  # share of hits whose surface the semantic front end gets wrong
+    faintest: Share = 0.0  # weaker returns are dropped, ghosts first and dark walls with them: the rival of channel 3
 
 
 class Map(Frozen):
@@ -95,6 +96,7 @@ class Observation(Frozen):
 
     intensity: bool = True  # the fourth channel (article 4.4)
     motion: Motion = Motion()
+    battery: Literal["measured", "full"] = "measured"  # what the charge's band shows
 
 
 class Rewards(Frozen):

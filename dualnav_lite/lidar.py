@@ -86,4 +86,8 @@ class Lidar:
             scans,
             labels,
         )
+        if settings.faintest > 0.0:
+            is_faint = scans[..., 1] < settings.faintest
+            scans[is_faint] = settings.range_max_m, 0.0
+            labels[is_faint] = 0
         return scans, labels

@@ -168,7 +168,7 @@ class Perception:
             forecast = Prediction(*(values[worlds] for values in fields))
         ego = Ego(
             sim.robots.twist[worlds],
-            sim.robots.battery[worlds],
+            sim.robots.battery[worlds] if observation.battery == "measured" else np.ones_like(preference[worlds]),
             percept.goal_robot[worlds],
             percept.guide_robot[worlds],
             percept.map_age_s[worlds],

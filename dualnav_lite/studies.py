@@ -12,13 +12,14 @@ from tqdm import tqdm
 
 from dualnav_lite.config import Frozen, UnusableInput, read_yaml, validated, write_atomic
 from dualnav_lite.curriculum import Training, resolved_config, runs_folder, scenarios_of
-from dualnav_lite.deploy import EmbeddedPolicy
+from dualnav_lite.deploy import MODEL_FOLDER, EmbeddedPolicy
 from dualnav_lite.episodes import SEEDS
 from dualnav_lite.evaluate import evaluate
 from dualnav_lite.survival import survival
 from dualnav_lite.train import Trainer
 
 FOLDER = Path(__file__).resolve().parent.parent / "training" / "studies"
+ARMS_FOLDER = MODEL_FOLDER / "ablations"
 KEY = ["study", "variant", "training_seed", "scenario"]
 COLUMNS = [
     *KEY, "episodes", "survived", "survival_rate", "wilson_low", "wilson_high", "collisions", "timeouts",
@@ -54,6 +55,7 @@ class Study(Frozen):
     variants: Annotated[dict[str, Variant], Field(min_length=1)]
     seeds: Annotated[list[int], Field(min_length=1)]
     judge: Judge
+    arms: bool = False  # policies of the first seed become arms: `models/ablations/<study>_<variant>.onnx`
 
     def training_of(self, variant: str, seed: int) -> Training:
         """The training of one run, checked again as a whole."""
@@ -105,10 +107,15 @@ def train_one(study: Study, variant: str, seed: int, folder: Path, home: Path):
     return path, lambda path, config: StableDriver(path, training.config, seed)
 
 
+def _folder(name: str, variant: str, seed: int) -> Path:
+    """Where a run trains."""
+    return runs_folder() / f"study_{Path(name).stem}" / f"{variant}-seed{seed}"
+
+
 def run_one(name: str, variant: str, seed: int) -> list[dict]:
     """Train and judge one variant with one seed; rows, one a scenario. What was done before is not done again."""
     study = load_study(name)
-    judge, folder = study.judge, runs_folder() / f"study_{Path(name).stem}" / f"{variant}-seed{seed}"
+    judge, folder = study.judge, _folder(name, variant, seed)
     policy, make_driver = train_one(study, variant, seed, folder, path_of(name).parent)
     seeds = range(judge.seed_base, judge.seed_base + judge.episodes)
     rows = evaluate([str(policy)], judge.scenarios, seeds, folder / "judged", make_planner=make_driver, progress=False)
@@ -118,7 +125,8 @@ def run_one(name: str, variant: str, seed: int) -> list[dict]:
 
 
 def run_study(name: str, out: str | Path, jobs: int = 1) -> pd.DataFrame:
-    """All runs of a study, `jobs` at a time; writes `<name>.csv` (a row a run and scenario) as they end.
+    """All runs of a study, `jobs` at a time; writes `<name>.csv` (a row a run and scenario) as they end, and at
+    the end the arms, where the study has some.
 
     Returns:
         The rows, in the order of the study's variants.
@@ -133,6 +141,10 @@ def run_study(name: str, out: str | Path, jobs: int = 1) -> pd.DataFrame:
             rows.sort(key=lambda row: (order.index(row["variant"]), row["training_seed"], row["scenario"]))
             write_atomic(path, pd.DataFrame(rows, columns=COLUMNS).to_csv(index=False, lineterminator="\n"))
             bar.update()
+    if study.arms:
+        for variant in study.variants:
+            policy = _folder(name, variant, study.seeds[0]) / "ppo_actor.onnx"
+            write_atomic(ARMS_FOLDER / f"{path.stem}_{variant}.onnx", policy.read_bytes())
     return pd.DataFrame(rows, columns=COLUMNS)
 
 

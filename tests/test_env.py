@@ -377,6 +377,22 @@ def test_a_student_s_reward_sees_how_fast_the_nearest_mover_goes_and_was_thought
     assert predicted.max() > 0.2
 
 
+def test_a_full_battery_band_and_a_filter_on_faint_returns_change_what_they_name():
+    plain, changed = (
+        DynamicNavVectorEnv(2, with_overrides(Config(), changes), "low_light")
+        for changes in ({}, {"observation.battery": "full", "lidar.faintest": 0.07})
+    )
+    (before, infos), (after, filtered) = plain.reset(seed=FIRST), changed.reset(seed=FIRST)
+    charge = BANDS.index("battery")
+    assert (read_bands(before)[:, charge] < 1.0).all()
+    assert (read_bands(after)[:, charge] == 1.0).all()
+    strength = infos["scan"][..., 1]
+    is_faint = strength < 0.07
+    assert (is_faint & (strength > 0)).any()
+    assert (filtered["scan"][is_faint] == [10.0, 0.0]).all()
+    assert np.array_equal(filtered["scan"][~is_faint], infos["scan"][~is_faint])
+
+
 def test_a_part_that_returns_other_terms_is_told_which_are_wanted():
     env = DynamicNavVectorEnv(1, scenario="navigation", reward_function=lambda t: {"safe": 1.0})
     env.reset(seed=FIRST)

@@ -4,6 +4,7 @@ import pytest
 import yaml
 
 from dualnav_lite.config import UnusableInput
+from dualnav_lite.embedded import EmbeddedPolicy
 from dualnav_lite.studies import COLUMNS, FOLDER, load_study, run_study, summarise
 
 TINY = {
@@ -67,6 +68,15 @@ def test_a_study_trains_and_judges_every_variant_and_goes_on_where_it_was(tmp_pa
     monkeypatch.setattr("dualnav_lite.ppo.update_policy", None)  # nothing is left to train
     run_study(name, tmp_path / "out")
     assert (tmp_path / "out" / "tiny.csv").read_bytes() == before
+
+
+def test_a_study_s_policies_become_arms(tmp_path, monkeypatch):
+    monkeypatch.setenv("DUALNAV_RUNS", str(tmp_path / "runs"))
+    monkeypatch.setattr("dualnav_lite.studies.ARMS_FOLDER", tmp_path / "ablations")
+    run_study(written(tmp_path, {"arms": True}), tmp_path / "out")
+    made = sorted((tmp_path / "ablations").glob("*.onnx"))
+    assert [path.stem for path in made] == ["tiny_with", "tiny_without"]
+    assert [EmbeddedPolicy(path).card["observation"]["intensity"] for path in made] == [True, False]
 
 
 def test_summary_by_hand():
