@@ -92,8 +92,9 @@ class Motion(Frozen):
 
 
 class Observation(Frozen):
-    """Image the policy sees."""
+    """Image the policy sees; `flat` puts the last three scans into channel 0 as one row of numbers, no space in it."""
 
+    layout: Literal["image", "flat"] = "image"
     intensity: bool = True  # the fourth channel (article 4.4)
     motion: Motion = Motion()
     battery: Literal["measured", "full"] = "measured"  # what the charge's band shows
@@ -135,6 +136,8 @@ class Config(Frozen):
         substeps = self.control_dt_s / self.physics_dt_s
         if abs(substeps - round(substeps)) > 1e-9 or substeps < 1:
             raise ValueError("control_dt_s must be a whole multiple of physics_dt_s")
+        if self.observation.layout == "flat" and 3 * self.lidar.beams > 64 * 64:
+            raise ValueError(f"a flat observation holds 4096 readings, three scans of {self.lidar.beams} do not fit")
         return self
 
     @property

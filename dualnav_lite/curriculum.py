@@ -37,16 +37,19 @@ class Training(Frozen):
     worlds: Count = 32
     memory: Share = 0.5  # of the `CommandReader` that the exported policy drives with
     head: Literal["commands", "gaussian"] = "commands"
-    grain: Literal["fine", "coarse"] = "fine"  # of the image's first convolution (`policy.FIRST`)
+    grain: Literal["fine", "coarse", "flat"] = "fine"  # of the image's first convolution (`policy.FIRST`)
     config: dict[str, Any] = {}  # changes to `config.Config`, by dotted key  # noqa: RUF012
     max_minutes: NonNegative = 0.0  # end after the checkpoint that follows; 0 for no limit
     stages: Annotated[list[Stage], Field(min_length=1)]
 
     @model_validator(mode="after")
-    def _names_differ(self):
+    def _fits_together(self):
         names = [stage.name for stage in self.stages]
         if len(set(names)) != len(names):
             raise ValueError(f"stage names must differ, got {', '.join(names)}")
+        layout = self.config.get("observation.layout", "image")
+        if (self.grain == "flat") != (layout == "flat"):
+            raise ValueError(f"grain 'flat' and observation.layout 'flat' go together, got '{self.grain}', '{layout}'")
         return self
 
 

@@ -38,6 +38,7 @@ BAND_ROWS = BAND_EDGES[:-1].tolist()
 SPEED_SCALE, TURN_SCALE = 0.8, 1.2  # [m/s], [rad/s]: the article's hardware limits
 GOAL_SCALE = 2.0  # [m]
 AGE_SCALE = 2.0  # [s]
+FLAT_SCALE = 10.0  # [m] of a reading in a flat observation, the lidar's reach
 _SCALES = np.array([SPEED_SCALE, TURN_SCALE, GOAL_SCALE, AGE_SCALE])
 DEFAULT_OBSERVATION = Observation()
 
@@ -92,8 +93,12 @@ def encode_states(scans, poses, map_crops, ego, observation=DEFAULT_OBSERVATION)
     if poses.shape != (n, 3, 3) or np.shape(map_crops) != (n, SIZE, SIZE):
         raise ValueError(f"for {n} worlds got poses {poses.shape} and map crops {np.shape(map_crops)}")
     images = np.empty((n, num_channels(observation), SIZE, SIZE), np.float32)
-    images[:, STATIC] = map_crops
-    motion_fields(scans, poses, ego.forecast, observation.motion, out=images[:, MOTION])
+    if observation.layout == "flat":
+        images[:, [STATIC, MOTION]] = 0.0
+        images[:, STATIC].reshape(n, -1)[:, : 3 * scans.shape[2]] = scans[..., 0].reshape(n, -1) / FLAT_SCALE
+    else:
+        images[:, STATIC] = map_crops
+        motion_fields(scans, poses, ego.forecast, observation.motion, out=images[:, MOTION])
     encode.paint_bands(
         _floats(ego.twist, (n, 2)),
         _floats(ego.battery, (n,)),

@@ -8,7 +8,8 @@ import torch
 from torch import nn
 
 from dualnav_lite.config import Hardware
-from dualnav_lite.encoder import BANDS, EGO, read_bands
+from dualnav_lite.encoder import BANDS, EGO, STATIC, read_bands
+from dualnav_lite.kernels.raster import SIZE
 from dualnav_lite.planners.sampling import command_grid
 
 HIDDEN = 256
@@ -73,6 +74,25 @@ class ImageTrunk(nn.Module):
         return self.joined(torch.cat([seen, bands], dim=1))
 
 
+class FlatTrunk(nn.Module):
+    """Features of a flat observation (`observation.layout`): its readings are a plain vector, joined by the bands."""
+
+    features = HIDDEN
+
+    def __init__(self):
+        super().__init__()
+        self.readings = nn.Sequential(layer(nn.Linear(SIZE * SIZE, HIDDEN)), nn.ReLU())
+        self.joined = nn.Sequential(layer(nn.Linear(HIDDEN + len(BANDS), HIDDEN)), nn.ReLU())
+
+    def forward(self, observations):
+        """(n, HIDDEN) features of (n, C, 64, 64) observations."""
+        return self.join(*split_observations(observations))
+
+    def join(self, images, bands):
+        """The same from the two parts of `split_observations`."""
+        return self.joined(torch.cat([self.readings(images[:, STATIC].flatten(1)), bands], dim=1))
+
+
 class VectorTrunk(nn.Module):
     """Features of a plain vector: two layers of 64, for environments without an image."""
 
@@ -98,7 +118,7 @@ def trunk_for(observation_shape: Sequence[int], grain: str = "fine") -> nn.Modul
     if len(shape) == 1:
         return VectorTrunk(shape[0])
     if len(shape) == 3 and shape[0] in (3, 4) and shape[1:] == (64, 64):
-        return ImageTrunk(shape[0], grain)
+        return FlatTrunk() if grain == "flat" else ImageTrunk(shape[0], grain)
     raise ValueError(f"observations must be (size,), (3, 64, 64) or (4, 64, 64), got {shape}")
 
 
@@ -216,7 +236,7 @@ def make_actor(observation_shape: Sequence[int], head: str, limits: Sequence[flo
         head: "commands" or "gaussian".
         limits: greatest value of each action component; the action space is symmetric. For "commands" they are
             v [m/s] and omega [rad/s].
-        grain: of an image's first convolution, "fine" or "coarse".
+        grain: of an image's first convolution, "fine" or "coarse"; "flat" for a flat observation.
     """
     trunk = trunk_for(observation_shape, grain)
     if head == "commands":

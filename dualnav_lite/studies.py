@@ -35,6 +35,7 @@ class Variant(Frozen):
     config: dict[str, Any] = {}  # dotted keys of `config.Config`  # noqa: RUF012
     ppo: dict[str, Any] = {}  # settings of every PPO stage  # noqa: RUF012
     head: str | None = None
+    grain: str | None = None
     learner: Literal["ours", "stable_baselines3"] = "ours"
 
 
@@ -62,7 +63,7 @@ class Study(Frozen):
         changes, values = self.variants[variant], self.training.model_dump()
         values["title"], values["seed"] = f"{self.title}: {variant}", seed
         values["config"] |= changes.config
-        values["head"] = changes.head or values["head"]
+        values |= {name: value for name in ("head", "grain") if (value := getattr(changes, name))}
         for stage in values["stages"]:
             stage["ppo"] |= changes.ppo
         return validated(Training, values, f"variant {variant}")

@@ -4,7 +4,7 @@ import torch
 
 from dualnav_lite.command_reader import CommandReader
 from dualnav_lite.config import Hardware, Observation
-from dualnav_lite.encoder import BANDS, EGO, Ego, encode_states, read_bands
+from dualnav_lite.encoder import BANDS, EGO, MOTION, STATIC, Ego, encode_states, read_bands
 from dualnav_lite.planners.sampling import command_grid
 from dualnav_lite.policy import (
     HIDDEN,
@@ -165,3 +165,20 @@ def test_a_reset_world_forgets_and_its_neighbour_does_not():
     reader.reset([1])
     commands = reader(right)
     assert commands[0, 1] > 0 > commands[1, 1]
+
+
+def test_a_flat_observation_is_read_as_three_scans_and_the_bands():
+    rng = np.random.default_rng(0)
+    scans = rng.uniform(0.1, 10.0, (2, 3, 1080, 2)).astype(np.float32)
+    ego = Ego(np.zeros((2, 2)), np.ones(2), np.ones((2, 2)), np.ones((2, 2)), np.zeros(2), np.zeros(2))
+    layout = Observation(layout="flat", intensity=False)
+    batch = encode_states(scans, np.zeros((2, 3, 3)), np.ones((2, 64, 64)), ego, layout)
+    assert np.allclose(batch[:, STATIC].reshape(2, -1)[:, :3240], scans[..., 0].reshape(2, -1) / 10.0)
+    assert not batch[:, MOTION].any()
+    trunk = trunk_for(batch.shape[1:], "flat")
+    state = torch.from_numpy(batch).requires_grad_()
+    (trunk(state) ** 2).sum().backward()
+    images, bands = split_observations(state.grad)
+    seen = images[:, STATIC].flatten(1)[:, :3240].abs().amax(dim=0) > 0
+    assert seen.float().mean() > 0.99
+    assert (bands.abs().amax(dim=0) > 0).all()

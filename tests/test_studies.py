@@ -79,6 +79,15 @@ def test_a_study_s_policies_become_arms(tmp_path, monkeypatch):
     assert [EmbeddedPolicy(path).card["observation"]["intensity"] for path in made] == [True, False]
 
 
+def test_a_flat_observation_and_a_flat_network_go_together(tmp_path, monkeypatch):
+    monkeypatch.setenv("DUALNAV_RUNS", str(tmp_path / "runs"))
+    with pytest.raises(UnusableInput, match="go together"):
+        load_study(written(tmp_path, {"variants": {"half": {"grain": "flat"}}}))
+    flat = {"grain": "flat", "config": {"observation.layout": "flat"}}
+    rows = run_study(written(tmp_path, {"variants": {"flat": flat}}), tmp_path / "out")
+    assert (rows.episodes == 2).all()
+
+
 def test_summary_by_hand():
     rows = pd.DataFrame(
         [["s", "a", seed, "navigation", rate] for seed, rate in enumerate([0.5, 0.7, 0.9])]
