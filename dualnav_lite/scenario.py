@@ -10,6 +10,8 @@ from dualnav_lite.config import Frozen, NonNegative, Positive, Share, UnusableIn
 
 Count = Annotated[int, Field(ge=0)]
 SCENARIO_FOLDER = Path(__file__).resolve().parent.parent / "stress_tests" / "scenarios"
+HIGHWAY_FOLDER = SCENARIO_FOLDER / "highway"  # of the second world
+FLEET_FOLDER = SCENARIO_FOLDER / "fleet"  # of several robots in one room
 
 
 class Range(Frozen):
@@ -111,6 +113,22 @@ class Dispatcher(Frozen):
     goal_clearance_m: Positive = 0.6
 
 
+class Cars(Frozen):
+    """A task of highway-env (`simulator: highway`); of the other blocks only the titles count then."""
+
+    task: Literal["parking", "traffic"]
+    others: Count = 0  # cars besides the driven one
+    limit_s: Positive = 30.0
+
+
+class Fleet(Frozen):
+    """Several robots of one kind in one room (`fleet.FleetWorlds`)."""
+
+    robots: Annotated[int, Field(ge=2, le=4)] = 3
+    radio_m: Positive = 5.0  # within it robots know of each other
+    cross_weight: NonNegative = 0.3  # of the cross-agent term in r_dynamic (article 4.5)
+
+
 class Scenario(Frozen):
     """One row of the survival table: what the world holds and when a run counts as survived."""
 
@@ -125,6 +143,8 @@ class Scenario(Frozen):
     sensing: Sensing = Sensing()
     link: Link = Link()
     dispatcher: Dispatcher | None = None
+    cars: Cars | None = None
+    fleet: Fleet | None = None
     start_charge: Range = Range(low=0.15, high=1.0)
     goal_radius_m: Positive = 0.4
     time_limit_paths: Positive = 2.0  # time limit = this x shortest path / 0.8 m/s + time_limit_extra_s
@@ -170,10 +190,10 @@ def all_scenarios(folder: Path = SCENARIO_FOLDER) -> dict[str, Scenario]:
 
 
 def load_scenario(name: str, folder: Path = SCENARIO_FOLDER) -> Scenario:
-    """The scenario with this id, or in the YAML file with this path."""
+    """The scenario with this id, also of cars and of fleets, or in the YAML file with this path."""
     if name.endswith((".yaml", ".yml")):
         return next(iter(read_scenarios(name).values()))
-    known = all_scenarios(folder)
+    known = all_scenarios(folder) | all_scenarios(HIGHWAY_FOLDER) | all_scenarios(FLEET_FOLDER)
     if name not in known:
         raise UnusableInput(f"unknown scenario '{name}'; known: {', '.join(known)}")
     return known[name]

@@ -74,7 +74,8 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
         self.config = config if isinstance(config, Config) else load_config(config)
         if self.config.simulator != "pymunk":
             raise UnusableInput(
-                f"simulator '{self.config.simulator}' has an environment of its own; this one is 'pymunk'"
+                f"simulator '{self.config.simulator}' has an environment of its own (dualnav_lite.highway), "
+                "this one is 'pymunk'"
             )
         if render_mode not in (None, "rgb_array"):
             raise UnusableInput(f"render_mode '{render_mode}' is unknown; known: None, 'rgb_array'")

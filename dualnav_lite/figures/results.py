@@ -16,7 +16,7 @@ from dualnav_lite.figures.captions import caption_lines
 from dualnav_lite.figures.sheet import QUIET, SMALL, Sheet, Words
 from dualnav_lite.judge import PUBLISHED, bounds
 from dualnav_lite.reference import REFERENCE
-from dualnav_lite.scenario import all_scenarios
+from dualnav_lite.scenario import load_scenario
 
 # Okabe and Ito's palette: told apart with every common colour blindness; markers differ as well, for print in grey.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c8c8c")
@@ -44,7 +44,7 @@ def survival(words: Words, read: Read) -> Figure:
     y, labels, ticks = 0.0, [], []
     for name, group in groups:
         top, beside = y - 0.1, bounds(table, name)
-        sheet.text(0.15, head + y + 0.24, words.title(all_scenarios()[name]), fontweight="bold")
+        sheet.text(0.15, head + y + 0.24, words.title(load_scenario(name)), fontweight="bold")
         y += 0.42
         for one in group.itertuples():
             colour, marker = look(one.arm)
@@ -96,7 +96,7 @@ def fronts(words: Words, read: Read) -> Figure:
                     chosen.safe_dist_m, chosen.energy_j_per_goal, marker, color=colour, markerfacecolor=face,
                     markersize=7,
                 )  # fmt: skip
-        axes.set_title(words.title(all_scenarios()[name]), loc="left")
+        axes.set_title(words.title(load_scenario(name)), loc="left")
         axes.set(xlabel=words("mean least clearance [m]"), ylabel=words("energy a goal [J]"))
         axes.locator_params(nbins=6)
         axes.grid(True)
@@ -109,7 +109,7 @@ def fronts(words: Words, read: Read) -> Figure:
 def cloud(words: Words, read: Read) -> Figure:
     """The article's view: every run that arrived as a point, those that no other run of its arm dominates filled."""
     table = read("pareto_episodes")
-    table = table[table.scenario.map(lambda name: all_scenarios()[name].dispatcher is None)]
+    table = table[table.scenario.map(lambda name: load_scenario(name).dispatcher is None)]
     names, arms = list(dict.fromkeys(table.scenario)), list(dict.fromkeys(table.arm))[:3]
     columns = min(2, len(names))
     rows = -(-len(names) // columns)
@@ -123,7 +123,7 @@ def cloud(words: Words, read: Read) -> Figure:
             best = points[points.pareto_optimal.astype(bool)].sort_values("safe_dist_m")
             axes.step(best.safe_dist_m, best.energy_j, color=colour, where="pre", linewidth=1.0)
             axes.plot(best.safe_dist_m, best.energy_j, marker, color=colour, markersize=7)
-        axes.set_title(words.title(all_scenarios()[name]), loc="left")
+        axes.set_title(words.title(load_scenario(name)), loc="left")
         axes.set(xlabel=words("least clearance of a run [m]"), ylabel=words("energy of a run [J]"))
         axes.locator_params(nbins=6)
         axes.grid(True)
@@ -200,7 +200,7 @@ def ablations(words: Words, read: Read) -> Figure:
                 colour = COLOURS[1] if arm == "ablation_default" else COLOURS[0]
                 axes.plot([one.wilson_low, one.wilson_high], [y, y], color=colour, linewidth=2.0)
                 axes.plot(one.survival_rate, y, "s" if arm == "ablation_default" else "o", color=colour, markersize=7)
-        title = textwrap.fill(words.title(all_scenarios()[name]), 14)  # five panels leave each little room
+        title = textwrap.fill(words.title(load_scenario(name)), 14)  # five panels leave each little room
         axes.set_title(title, fontsize=SMALL, loc="left", fontweight="normal")
         axes.set(xlim=(0, 1.02), ylim=(len(arms) - 0.4, -0.6))
         axes.set_xticks([0, 0.5, 1], ["0", "50", "100"])
