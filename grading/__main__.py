@@ -82,14 +82,16 @@ def grade(
     """Grade submissions in sandboxes; the same command goes on where it was stopped."""
     from grading.grade import grade_class
     from grading.job import Limits
-    from grading.room import prepared
+    from grading.room import PACKAGE, prepared
     from grading.rubric import RUBRIC, load_rubric
     from grading.secret import load_secret
+    from grading.shown import refuse_shown
     from grading.tables import read_overrides
     from grading.tiers import choose_tier
 
     rules = load_rubric(rubric or RUBRIC)
     secret = load_secret(key, rules.assignment)
+    refuse_shown(folder, out, PACKAGE.parent, *([key] if key else []))
     chosen = choose_tier(unsafe_no_sandbox, tier)
     if chosen == "UNSANDBOXED":
         print("WARNING: no sandbox. Code of others runs with your rights; every row says UNSANDBOXED.", file=sys.stderr)

@@ -2,6 +2,7 @@
 
 import ast
 import shutil
+from collections.abc import Iterable
 from pathlib import Path
 
 from dualnav_lite.config import UnusableInput
@@ -83,6 +84,6 @@ def masked(source: str, functions: dict[str, str], module: str) -> str:
     return "\n".join(lines) + ("\n" if source.endswith("\n") else "")
 
 
-def kernel_files_to_skip(symbols: dict[str, str]) -> set[str]:
-    """Modules of kernels whose compiled code must not be seen, since it holds a masked body."""
-    return {symbol.partition(":")[0].removeprefix("kernels.") for symbol in symbols if symbol.startswith("kernels.")}
+def masks_kernels(symbols: Iterable[str]) -> bool:
+    """Whether a kernel is masked: its compiled code, also within those that call it, must not be seen then."""
+    return any(symbol.startswith("kernels.") for symbol in symbols)

@@ -15,7 +15,7 @@ from dualnav_lite.evaluate import code_sha256
 from dualnav_lite.exercises import stub
 from grading.job import Limits
 from grading.lesson import Setting
-from grading.masking import masked_copy
+from grading.masking import masked_copy, masks_kernels
 from grading.rebuild import Master, Unreadable, read_master
 from grading.rubric import Rubric
 from grading.sandbox import PREFIX
@@ -61,7 +61,8 @@ class Room:
 
     def setting(self, lesson: str = "") -> Setting:
         """What a lesson, or with no lesson the policy, is graded with."""
-        kernels = kernel_cache(PACKAGE)
+        masked = [symbol for one in self.rubric.lessons.values() for symbol in one.mask]
+        kernels = None if masks_kernels(masked) else kernel_cache(PACKAGE)
         master, rules = self.masters.get(lesson), self.rubric.lessons.get(lesson)
         return Setting(master, rules, self.packages, kernels, self.secret, self.tier, self.limits)
 

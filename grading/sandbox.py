@@ -20,6 +20,7 @@ from pathlib import Path
 
 from grading import bubblewrap, plain
 from grading.bubblewrap import MEGABYTE, is_root
+from grading.cores import on_a_core, take_core
 from grading.job import Job, SandboxError
 from grading.shown import DEVICES, numba_folder, system_folders
 from grading.watchdog import Watchdog
@@ -61,6 +62,7 @@ class Sandbox:
         self._watchdog: Watchdog | None = None
         self._listener: socket.socket | None = None
         self._lifeline: int | None = None
+        self._slot, self._core = take_core()
         try:
             self._start()
         except BaseException as error:
@@ -129,10 +131,12 @@ class Sandbox:
         program = [sys.executable, "-I", "-B", str(shown / "inside.py"), str(shown / "job.json")]
         if has_mounts:
             options = [*bubblewrap.isolation(), *bubblewrap.mounts(here, job.packages, limits)]
-            self._process, self._first = bubblewrap.start(program, environment, options)
+            with on_a_core(self._slot, self._core):
+                self._process, self._first = bubblewrap.start(program, environment, options)
         else:
             try:
-                self._process = plain.start(program, environment, told["lifeline"])
+                with on_a_core(self._slot, self._core):
+                    self._process = plain.start(program, environment, told["lifeline"])
             finally:
                 os.close(told["lifeline"])
             self._first = self._process.pid
@@ -258,6 +262,8 @@ class Sandbox:
         if self._lifeline is not None:
             os.close(self._lifeline)
             self._lifeline = None
+        if self._slot:
+            self._slot.close()
         plain.remove(self.folder)
 
     def __enter__(self) -> "Sandbox":

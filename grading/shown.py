@@ -6,6 +6,8 @@ import sys
 import sysconfig
 from pathlib import Path
 
+from dualnav_lite.config import UnusableInput
+
 DEVICES = ["/dev/null", "/dev/zero", "/dev/urandom", "/dev/random"]
 
 
@@ -21,10 +23,25 @@ def system_folders() -> list[str]:
 
 
 def hidden_copies() -> list[str]:
-    """Copies of the kit in site-packages, which must not be seen."""
-    folders = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}
-    found = [os.path.join(folder, name) for folder in folders for name in ("dualnav_lite", "grading", "tests")]
-    return [path for path in found if os.path.isdir(path)]
+    """Installed copies of the kit, of this interpreter or another one that is seen; they hold what is asked."""
+    folders = {Path(sysconfig.get_path("purelib")), Path(sysconfig.get_path("platlib"))}
+    for root in system_folders():
+        for pattern in ("lib*/python3*/*-packages", "local/lib*/python3*/*-packages", "python3*/*-packages"):
+            folders.update(Path(root).glob(pattern))
+    found = {str(folder.resolve() / name) for folder in folders for name in ("dualnav_lite", "grading")}
+    return sorted(path for path in found if os.path.isdir(path))
+
+
+def refuse_shown(*paths: Path) -> None:
+    """Nothing of the grader's may lie where submissions can read.
+
+    Raises:
+        UnusableInput: one of the paths lies in a folder that every sandbox shows.
+    """
+    for path in paths:
+        for folder in system_folders():
+            if os.path.isdir(folder) and path.resolve().is_relative_to(Path(folder).resolve()):
+                raise UnusableInput(f"{path}: lies in {folder}, which submissions can read; move it elsewhere")
 
 
 def kernel_cache(package: Path) -> Path | None:

@@ -7,6 +7,7 @@ import sys
 
 from dualnav_lite.config import UnusableInput
 from grading import bubblewrap, landlock, seccomp
+from grading.shown import hidden_copies
 
 TIERS = {
     "A": "bubblewrap: private namespaces, read-only system, seccomp, limits",
@@ -43,6 +44,8 @@ def landlock_works() -> str:
         return "no seccomp filter for this processor"
     if landlock.abi() < landlock.NEEDED_ABI:
         return f"Landlock here is version {landlock.abi()}, needed is {landlock.NEEDED_ABI} (Linux 6.12)"
+    if hidden_copies():
+        return f"an installed copy of the kit cannot be hidden ({hidden_copies()[0]}); uninstall it"
     return ""
 
 

@@ -93,13 +93,17 @@ def files_below(folder: Path) -> tuple[int, int]:
             raise Hidden from None
         for entry in entries:
             number += 1
-            with contextlib.suppress(FileNotFoundError):
+            try:
                 status = entry.stat(follow_symlinks=False)
-                size += status.st_blocks * 512
-                if stat.S_ISDIR(status.st_mode):
-                    if depth == MOST_FOLDERS_DEEP:
-                        raise Hidden
-                    waiting.append((entry.path, depth + 1))
+            except FileNotFoundError:
+                continue
+            except OSError:  # such as a path that is too long
+                raise Hidden from None
+            size += status.st_blocks * 512
+            if stat.S_ISDIR(status.st_mode):
+                if depth == MOST_FOLDERS_DEEP:
+                    raise Hidden
+                waiting.append((entry.path, depth + 1))
     return size, number
 
 
@@ -139,7 +143,7 @@ class Watchdog(threading.Thread):
             try:
                 reason = self._too_much()
             except Exception:  # whatever it does that we cannot follow must not go on unwatched
-                reason = "trickery"
+                reason = "unseen"
             if reason and not self._ended.is_set():
                 self.reason = reason
                 self._kill()

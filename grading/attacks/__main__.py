@@ -33,7 +33,7 @@ def attack(
         print(json.dumps({"tier": chosen, "endings": told, "wrong": wrong}))
     else:
         for one in endings:
-            print(f"{'as it should' if one.right else 'WRONG':<13}{one.attack.name:<28}{one.found['goal']}")
+            print(f"{'as it should' if one.right else 'WRONG':<13}{one.attack.name:<28}{', '.join(one.found.values())}")
         for line in wrong:
             print(f"WRONG        {line}")
         print(f"tier {chosen}: {sum(one.right for one in endings)} of {len(endings)} ended as they should")

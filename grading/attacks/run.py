@@ -15,7 +15,7 @@ from grading.grade import grade_class
 from grading.intake import MOODLE, is_plain
 from grading.job import Limits
 from grading.room import NOTEBOOKS, PACKAGE, prepared
-from grading.rubric import Rubric, load_rubric
+from grading.rubric import Policy, Rubric, Survival, load_rubric
 from grading.secret import Secret
 from grading.tables import FORMULA
 
@@ -38,12 +38,13 @@ def attacked_rubric() -> Rubric:
     """The rubric's lesson with the attacked exercise and the one beside it, and a short time for the former."""
     rubric = load_rubric()
     lesson = rubric.lessons[LESSON]
-    exercises = {name: lesson.exercises[name] for name in EXERCISES}
+    exercises = {name: one for name, one in lesson.exercises.items() if name in EXERCISES}
     exercises["goal"] = exercises["goal"].model_copy(update={"seconds": SECONDS})
     mask = {symbol: name if name in EXERCISES else "goal" for symbol, name in lesson.mask.items()}
+    policy = Policy(survival=Survival(points=1.0, thresholds={"navigation": 0.65}, first=20, most=20), seconds=30.0)
     lesson = lesson.model_copy(update={"exercises": exercises, "mask": mask})
-    total = sum(exercise.points for exercise in exercises.values())
-    return rubric.model_copy(update={"lessons": {LESSON: lesson}, "total": total})
+    total = 1.0 + sum(exercise.points for exercise in exercises.values())
+    return rubric.model_copy(update={"lessons": {LESSON: lesson}, "policy": policy, "total": total})
 
 
 def student_of(folder: str) -> str:
@@ -85,7 +86,7 @@ def run(attacks: list[Attack], tier: str, say=lambda text: None) -> tuple[list[E
             found = {
                 (row["student_id"], row["exercise"]): f"{row['status']} {row['reason_code']}".strip() for row in rows
             }
-    if any(found["honest", exercise] != "passed" for exercise in EXERCISES):
+    if any(found["honest", exercise] != "passed" for exercise in EXERCISES[:2]):
         wrong.append("the honest submission lost points")
     endings = []
     for folder, attack in by_folder.items():

@@ -74,8 +74,8 @@ def source_of(attack: Attack, reference: str, places: dict[str, str]) -> str:
         places: what stands where, by name.
     """
     if attack.cell_of:
-        text, count = attack.cell_of["repeat"]
-        return text * count
+        before, text, count, after = attack.cell_of.get("around") or ["", *attack.cell_of["repeat"], ""]
+        return before + text * count + after
     if attack.wire:
         return reference + WIRE.replace("{statements}", attack.wire.strip().replace("\n", "\n    "))
     cell = _filled(attack.cell, places)
@@ -99,6 +99,28 @@ def _notebook(attack: Attack, lesson: Path, places: dict[str, str]) -> bytes:
     return _filled(json.dumps(notebook), places).encode("utf-8")
 
 
+def _network(value: float) -> bytes:
+    """An exported policy whose commands are all the same number."""
+    from onnx import TensorProto, helper
+
+    numbers = {"zero": [0.0, 0.0], "value": [float(value), float(value)]}
+    constants = [helper.make_tensor(name, TensorProto.FLOAT, [2], list_) for name, list_ in numbers.items()]
+    constants.append(helper.make_tensor("axes", TensorProto.INT64, [2], [2, 3]))
+    constants += [helper.make_tensor(name, TensorProto.INT64, [1], [n]) for name, n in (("a", 0), ("b", 2), ("one", 1))]
+    nodes = [
+        helper.make_node("ReduceMax", ["state", "axes"], ["most"], keepdims=0),
+        helper.make_node("Slice", ["most", "a", "b", "one"], ["two"]),
+        helper.make_node("Mul", ["two", "zero"], ["nothing"]),
+        helper.make_node("Add", ["nothing", "value"], ["action"]),
+    ]
+    state = helper.make_tensor_value_info("state", TensorProto.FLOAT, ["n", 4, 64, 64])
+    action = helper.make_tensor_value_info("action", TensorProto.FLOAT, ["n", 2])
+    graph = helper.make_graph(nodes, "attack", [state], [action], constants)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=9)
+    helper.set_model_props(model, {"card": json.dumps({"grid": None, "memory": 0.0})})
+    return model.SerializeToString()
+
+
 def _put(path: Path, what, places: dict[str, str]) -> None:
     """One further file, in place of one that is there."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -117,10 +139,18 @@ def _put(path: Path, what, places: dict[str, str]) -> None:
         path.write_text(text * count, encoding="utf-8")
     elif "pickle" in what:
         path.write_bytes(pickle.dumps(_Payload(_filled(what["pickle"], places))))
+    elif "torch_archive" in what:
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("archive/data.pkl", pickle.dumps(_Payload(_filled(what["torch_archive"], places)), 2))
+            archive.writestr("archive/version", "3\n")
+    elif "network_that_says" in what:
+        path.write_bytes(_network(what["network_that_says"]))
     else:
-        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("zeros", "w") as file:
-            for _ in range(what["zip_of_zeros"] >> 20):
-                file.write(bytes(1 << 20))
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("archive/version", "3\n")
+            with archive.open("archive/data.pkl", "w") as file:
+                for _ in range(what["zip_of_zeros"] >> 20):
+                    file.write(bytes(1 << 20))
 
 
 def hand_in(attack: Attack, room: Path, lesson: Path, places: dict[str, str]) -> Path:

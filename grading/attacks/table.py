@@ -9,7 +9,7 @@ from dualnav_lite.config import UnusableInput
 
 HERE = Path(__file__).resolve().parent
 FILES = ("resources.yaml", "doors.yaml", "answers.yaml", "files.yaml")
-EXERCISES = ("safe", "goal")  # the attacked part, and one beside it that has to be unharmed
+EXERCISES = ("safe", "goal", "survival")  # a part beside the attacked one, that one, and the trained policy
 
 
 @dataclass
@@ -24,10 +24,11 @@ class Attack:
         wire: statements run inside the called function, with the scorer's `connection` and the call's `number`.
         cell_of: source made by repeating a text.
         notebook: forged `metadata`, `cell` (metadata of the cell), `outputs`, `extra` cells, `half_character`.
-        put: further files by path: a text, or one of `link`, `pipe`, `sparse`, `repeat`, `pickle`, `zip_of_zeros`.
+        put: further files by path: a text, or one of `link`, `pipe`, `sparse`, `repeat`, `pickle`,
+            `torch_archive`, `network_that_says`, `zip_of_zeros`.
         folder: name on disk.
         goal: endings that are right, as "status reason".
-        safe: of the part beside it.
+        safe: of the part beside it; survival: of the policy.
         tier_b: endings of `goal` where tier B ends otherwise.
     """
 
@@ -42,11 +43,13 @@ class Attack:
     folder: str = ""
     goal: tuple[str, ...] = ("passed",)
     safe: tuple[str, ...] = ("passed",)
+    survival: tuple[str, ...] = ("not_run no_weights",)
     tier_b: tuple[str, ...] = ()
 
     def endings(self, tier: str) -> dict[str, tuple[str, ...]]:
         """Right endings by exercise."""
-        return {"safe": self.safe, "goal": self.tier_b if self.tier_b and tier == "B" else self.goal}
+        goal = self.tier_b if self.tier_b and tier == "B" else self.goal
+        return {"safe": self.safe, "goal": goal, "survival": self.survival}
 
 
 def _endings(value) -> tuple[str, ...]:
@@ -65,8 +68,8 @@ def read_table() -> dict[str, Attack]:
             entry = dict(entry)
             everything = entry.pop("all", None)
             if everything:
-                entry["safe"] = entry["goal"] = everything
-            for key in ("safe", "goal", "tier_b"):
+                entry |= dict.fromkeys(EXERCISES, everything)
+            for key in (*EXERCISES, "tier_b"):
                 if key in entry:
                     entry[key] = _endings(entry[key])
             try:
