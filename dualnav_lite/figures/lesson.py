@@ -11,7 +11,7 @@ from PIL import Image
 
 from dualnav_lite.config import Config
 from dualnav_lite.env import DynamicNavEnv
-from dualnav_lite.planners import make_planner
+from dualnav_lite.evaluate import library_arm
 
 BLUE, ORANGE, RED, GREEN, PURPLE, GREY = "#3b8fd0", "#e08a00", "#e0603a", "#22a37c", "#b877a8", "#74797f"
 COLOURS = (BLUE, ORANGE, RED, GREEN, PURPLE)
@@ -62,8 +62,8 @@ def photo(figure) -> np.ndarray:
 
 
 def planned(arm: str, config: Config | None = None):
-    """A chooser for `drive` that asks a planner."""
-    planner = make_planner(arm, config or Config())
+    """A chooser for `drive` that asks an arm: a planner, `ppo` (the policy that is shipped), or a policy's file."""
+    planner = library_arm(arm, config or Config())
     planner.reset(np.arange(1))
     return lambda observation, info: planner.act(observation[None], [info])[0]
 

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from IPython.display import display
+from IPython.display import clear_output, display
 
 from dualnav_lite.config import Config
 from dualnav_lite.env import DynamicNavEnv
@@ -129,7 +129,7 @@ def png(picture: np.ndarray) -> bytes:
 
 
 def sliders(draw: Callable, **ranges: tuple[float, float, float, float]) -> None:
-    """Show a slider for each argument of a drawing function, which draws again when one is let go.
+    """Show a slider for each argument of a drawing function, which draws below them when one is let go.
 
     Args:
         draw: takes numbers by name and shows a figure.
@@ -156,4 +156,13 @@ def slider_box(draw: Callable, **ranges: tuple[float, float, float, float]):
         )
         for name, (least, most, step, first) in ranges.items()
     }
-    return ipywidgets.interactive(draw, **made)
+    page = ipywidgets.Output()
+
+    def draw_anew(_):
+        with page:
+            clear_output(wait=True)
+            draw(**{name: slider.value for name, slider in made.items()})
+
+    for slider in made.values():
+        slider.observe(draw_anew, "value")
+    return ipywidgets.VBox([*made.values(), page])

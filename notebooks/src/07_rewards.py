@@ -30,6 +30,7 @@ from IPython.display import display
 
 from dualnav_lite.config import Config, with_overrides
 from dualnav_lite.figures.lesson import BLUE, GREEN, ORANGE, RED, drive, film, lesson_style, planned
+from dualnav_lite.figures.play import sliders
 from dualnav_lite.rewards import WindowScore
 
 lesson_style()
@@ -246,6 +247,37 @@ for axis, name, colour in zip(axes, names, (BLUE, RED, ORANGE, GREEN), strict=Tr
 plt.show()
 if run["pictures"] and not quick:
     display(film(run["pictures"]))
+
+# %% [markdown]
+# And what is the sum worth? The same run and one that parks, under your weights. Where does the safe term win over the
+# energy, and when is it better to stay at home?
+
+# %%
+parked = drive(DRIVERS["parks"](None), "crowd_reactive", seed=4, reward_function=reward_terms)["table"]
+TERM_NAMES = ["safe", "dynamic", "energy", "goal", "terminal"]
+
+
+def weighed(preference, charge):
+    """Discounted worth of each term, for the run that arrives and the one that parks."""
+    weights = reward_weights(preference, charge)
+    _, axis = plt.subplots(figsize=(8, 2.8))
+    for k, (name, one, colour) in enumerate((("arrives", table, GREEN), ("parks", parked, ORANGE))):
+        worth = np.array([discounted(one[term]) for term in TERM_NAMES]) * weights
+        axis.bar(np.arange(5) + 0.4 * k - 0.2, worth, 0.4, color=colour, label=f"{name}: {worth.sum():.1f} in all")
+    axis.axhline(0, color="gray", linewidth=1)
+    axis.set_xticks(range(5), [f"{name}\nx {weight:.2f}" for name, weight in zip(TERM_NAMES, weights, strict=True)])
+    axis.set(ylabel="discounted worth", title=f"preference {preference:.1f}, charge {charge:.1f}")
+    axis.legend()
+    plt.show()
+
+
+weighed(preference=0.5, charge=1.0)
+
+# %% [markdown]
+# With sliders: move one and let go. (No sliders? Change the numbers in the call above.)
+
+# %%
+sliders(weighed, preference=(0.0, 1.0, 0.1, 0.5), charge=(0.0, 1.0, 0.1, 1.0))
 
 # %% [markdown]
 # ## 7. The z-score trap

@@ -19,9 +19,12 @@ from dualnav_lite.check import check
 import matplotlib.pyplot as plt
 import moocore
 import pandas as pd
+from IPython.display import display
+from PIL import Image
 
 from dualnav_lite.config import Config, with_overrides
-from dualnav_lite.figures.lesson import BLUE, GREY, ORANGE, PURPLE, RED, drive, lesson_style, planned
+from dualnav_lite.figures.lesson import BLUE, GREEN, ORANGE, PURPLE, RED, drive, lesson_style, planned
+from dualnav_lite.figures.play import HandDriver, sliders
 
 lesson_style()
 
@@ -122,23 +125,22 @@ points = pd.DataFrame([measured(arm, speed) for arm in ("astar", "cv_sampling") 
 points["front"] = pareto_front(points.safe_dist_m, points.energy_j)
 points.round(3)
 
-# %% [markdown]
-# ## 5. Drive it yourself
-#
-# Your own commands in the first room, as one more point. (Compare it with care: it is one room, which you may try again
-# and again.)
-
 # %%
-commands = [(0.0, 0.6, 0.5), (0.5, 0.0, 8.0)]  # v [m/s], omega [rad/s], seconds
-
-steps = iter([(v, omega) for v, omega, seconds in commands for _ in range(round(seconds / 0.1))])
-count = sum(round(seconds / 0.1) for _, _, seconds in commands)
-mine = drive(lambda observation, info: next(steps), seed=ROOMS[0], steps=count)
-my_point = max(0.0, mine["table"].clearance_m.min()), mine["table"].energy_j.iloc[-1]
-print(f"{mine['outcome'] or 'not there yet'}: {my_point[0]:.2f} m, {my_point[1]:.0f} J")
+figure, axis = plt.subplots(figsize=(7, 3.8))
+for (arm, one), colour in zip(points.groupby("arm"), (ORANGE, BLUE), strict=True):
+    axis.plot(one.energy_j, one.safe_dist_m, "o-", color=colour, linewidth=1, label=arm)
+    for row in (one.iloc[0], one.iloc[-1]):  # the ends of the knob
+        place = {"textcoords": "offset points", "ha": "center", "color": colour}
+        axis.annotate(f"{row.speed} m/s", (row.energy_j, row.safe_dist_m), (0, -16), **place)
+chosen = points[points.front]
+axis.plot(chosen.energy_j, chosen.safe_dist_m, "o", markersize=13, markerfacecolor="none", color=RED, label="front")
+axis.set(xlabel="energy a goal [J]", ylabel="mean least clearance [m]", title="up and left is better")
+axis.margins(0.12)
+figure.legend(loc="outside right upper")
+plt.show()
 
 # %% [markdown]
-# ## 6. One number after all: hypervolume
+# ## 5. One number after all: hypervolume
 #
 # The area between a front and a **reference point** that is fixed beforehand, here 0 m and 400 J: the larger, the better.
 # Moving the reference afterwards would let anyone win.
@@ -153,32 +155,96 @@ def hypervolume(one):
     return moocore.hypervolume(both, ref=[-REFERENCE[0], REFERENCE[1]])
 
 
-figure, axis = plt.subplots(figsize=(7, 3.6))
-for (arm, one), colour in zip(points.groupby("arm"), (ORANGE, BLUE), strict=True):
-    axis.plot(one.energy_j, one.safe_dist_m, "o-", color=colour, linewidth=1, label=arm)
-    for row in one.itertuples():
-        axis.annotate(f"{row.speed}", (row.energy_j, row.safe_dist_m), (4, 4), textcoords="offset points", color=GREY)
-chosen = points[points.front]
-axis.plot(chosen.energy_j, chosen.safe_dist_m, "o", markersize=14, markerfacecolor="none", color=RED, label="front")
-axis.plot(my_point[1], my_point[0], "*", color=PURPLE, markersize=14, label="you (one room)")
-axis.set(
-    xlabel="energy a goal [J]", ylabel="mean least clearance [m]", title="up and left is better; numbers: top speed"
-)
-axis.legend()
-plt.show()
 for arm, one in points.groupby("arm"):
     print(f"hypervolume of {arm}: {hypervolume(one):.1f} m J")
 
 # %% [markdown]
+# ## 6. Drive it yourself
+#
+# One room, everybody: two planners, the policy that comes with the kit at three *preferences* $p$, and you. (One room is
+# an anecdote, and you may try it again and again; the others may not.)
+
+# %%
+ROOM = 1_000_004
+commands = [(0.0, 0.2, 1.0), (0.5, 0.0, 25.0)]  # v [m/s], omega [rad/s], seconds
+you = HandDriver(seed=ROOM)
+for command in commands:
+    you.go(*command)
+print("you:", you.words())
+# expect: you: goal after 13.6 s: safe distance 0.25 m, energy 183 J
+
+
+def in_the_room(arm, preference=0.5, every=0):
+    """A run of an arm in this room, and its two numbers."""
+    config = with_overrides(Config(), {"preference": preference})
+    run = drive(planned(arm, config), seed=ROOM, config=config, every=every)
+    return run, (max(0.0, run["table"].clearance_m.min()), run["table"].energy_j.iloc[-1])
+
+
+PREFERENCES = (0.0, 0.5, 1.0)
+planners = {arm: in_the_room(arm)[1] for arm in ("astar", "cv_sampling")}
+policy = np.array([in_the_room("ppo", preference)[1] for preference in PREFERENCES])
+
+
+def show_room():
+    """Everybody's point in this room; a cross is a run that did not arrive."""
+    figure, axis = plt.subplots(figsize=(7, 3.6))
+    for (arm, (clearance, energy)), colour in zip(planners.items(), (ORANGE, BLUE), strict=True):
+        axis.plot(energy, clearance, "o", color=colour, markersize=9, label=arm)
+    axis.plot(policy[:, 1], policy[:, 0], "s--", color=GREEN, linewidth=1, label="policy, p = 0, 0.5, 1")
+    for preference, (clearance, energy) in zip(PREFERENCES, policy, strict=True):
+        axis.annotate(f"{preference:g}", (energy, clearance), (6, 5), textcoords="offset points", color=GREEN)
+    if np.isfinite(you.clearance_m):
+        mark = "*" if you.outcome == "goal" else "x"
+        axis.plot(you.energy_j, you.clearance_m, mark, color=PURPLE, markersize=16, label="you")
+    axis.set(xlabel="energy [J]", ylabel="least clearance [m]", title="up and left is better")
+    axis.margins(0.15)
+    figure.legend(loc="outside right upper")
+    plt.show()
+
+
+show_room()
+
+# %% [markdown]
+# Beat your own star: bring the robot there with the sliders, then run the cell after the next one.
+
+# %%
+you.panel()
+
+# %%
+show_room()
+
+
+# %% [markdown]
 # ## 7. One policy, one knob: the preference
 #
-# A trained policy has a better knob than its top speed: the preference $p$, painted into its observation (lesson 06) and
-# weighed in its reward (lesson 07). One network then covers a whole front. Once you have weights (lesson 11), compare it
-# here: `python kit.py evaluate my_policy.onnx --preference 0.2`, then 0.5, then 0.8.
+# A trained policy has a better knob than its top speed: the preference $p$ is painted into its observation (lesson 06) and
+# weighed in its reward (lesson 07), so one network covers a whole front. How much does this one listen?
+
+# %%
+def with_preference(preference):
+    """The policy's run, and both numbers."""
+    run, (clearance, energy) = in_the_room("ppo", preference, every=1000)
+    display(Image.fromarray(run["pictures"][-1]))
+    seconds = run["table"].time_s.iloc[-1]
+    print(f"p {preference:.1f}: {run['outcome']} after {seconds:.1f} s, {clearance:.2f} m, {energy:.0f} J")
+
+
+with_preference(0.2)
+
+# %% [markdown]
+# The same with a slider: move it and let go. (No slider? Change the number in the call above.)
+
+# %%
+sliders(with_preference, preference=(0.0, 1.0, 0.1, 0.8))
+
+# %% [markdown]
+# One room again. `python kit.py measure front` asks on hundreds, for the policy and for planners with their knobs, and
+# `python kit.py evaluate weights/ppo_actor.onnx --preference 0.2` asks yours of lesson 11.
 #
 # ## Change this one line and look
 #
-# - `commands` in part 5: can you get onto the front?
+# - `commands` in part 6: can you get onto the front?
 # - `scenario="navigation"` in `measured`: with `"crowd_reactive"`, who dominates whom?
 # - `REFERENCE`: with 250 J, does the order of the two planners change?
 #
