@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dualnav_lite.geometry import box_corners, to_robot
-from dualnav_lite.rewards import ENERGY_SCALE, FAILED, GOAL_SCALE, REACHED, shaping
+from dualnav_lite.rewards import FAILED, GOAL_SCALE, REACHED, shaping
 
 LENGTH_M, WIDTH_M = 5.0, 2.0
 MASS_KG = 1500.0
@@ -90,6 +90,7 @@ class CarTransition:
         time_gap: see `time_gap` [s].
         intrusion: `predicted_intrusion`.
         energy_j, reference_j: drawn in this step; in a step at the task's usual speed.
+        energy_scale: what a step at the usual speed costs.
         way_before, way_after: to the goal [m]; way_scale: metres of it that are worth one of the robot's.
         reached, collided: how the step ended the run, if it did.
     """
@@ -100,6 +101,7 @@ class CarTransition:
     intrusion: float
     energy_j: float
     reference_j: float
+    energy_scale: float
     way_before: float
     way_after: float
     way_scale: float
@@ -121,7 +123,7 @@ def car_terms(t: CarTransition) -> dict[str, float]:
     return {
         "safe": -TERM_RANGE * missing**2,
         "dynamic": -t.intrusion,
-        "energy": -ENERGY_SCALE * t.energy_j / t.reference_j,
+        "energy": -t.energy_scale * t.energy_j / t.reference_j,
         "goal": float(shaping(t.way_before, t.way_after, t.reached, 1.0, lambda way: -GOAL_SCALE * way / t.way_scale)),
         "terminal": FAILED if t.collided else REACHED if t.reached else 0.0,
     }

@@ -143,8 +143,8 @@ class HighwayVectorEnv(gymnasium.vector.VectorEnv):
         energy = step_energy(speed, car.speed, DT_S)
         transition = CarTransition(
             clearance, task.safe_m, time_gap(places, car.speed), predicted_intrusion(places, motions, task.safe_m),
-            energy, step_energy(task.usual_speed, task.usual_speed, DT_S), way, self._ways[world], task.way_scale,
-            reached, touched != Surface.NOTHING,
+            energy, step_energy(task.usual_speed, task.usual_speed, DT_S), task.energy_scale, way, self._ways[world],
+            task.way_scale, reached, touched != Surface.NOTHING,
         )  # fmt: skip
         terms = car_terms(transition)
         twist = (car.speed, float(wrap_angle(car.heading - heading)) / DT_S)

@@ -8,6 +8,7 @@ import numpy as np
 from dualnav_lite.car_ways import car_way
 from dualnav_lite.cars import LENGTH_M, WIDTH_M
 from dualnav_lite.geometry import box_corners, to_robot, wrap_angle
+from dualnav_lite.rewards import ENERGY_SCALE
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 from highway_env.envs.common.observation import ObservationType
@@ -85,7 +86,7 @@ class ParkingTask:
 
     limits = np.array([2.0, np.pi / 4])  # acceleration [m/s2], steering [rad]
     speeds = (-3.0, 3.0)
-    usual_speed, way_scale, safe_m = 2.0, 2.0, 0.5
+    usual_speed, way_scale, safe_m, energy_scale = 2.0, 2.0, 0.5, ENERGY_SCALE
     half_room = np.array([34.5, 20.5])  # inner faces of the walls [m]
     size = 14
 
@@ -141,7 +142,9 @@ class TrafficTask:
     limits = np.array([4.0, 0.05])
     speeds = (0.0, 25.0)
     top_speed = usual_speed = 15.0  # [m/s]
-    way_scale, safe_m = 50.0, 1.0
+    # At the robot's 0.04, a policy of 60,000 steps drove alike at every preference (224 kJ at 0, 219 kJ at 0.5); at
+    # 0.2 it learned to stand.
+    way_scale, safe_m, energy_scale = 50.0, 1.0, 0.08
     lanes, lane_m, journey_m = 3, 4.0, 300.0
     size = 7 + 4 * SEEN + 1
 

@@ -5,6 +5,7 @@ import pytest
 
 from dualnav_lite.config import Config, UnusableInput
 from dualnav_lite.fleet import CrossTerm, FleetWorlds, cross_term, draw_layout
+from dualnav_lite.fleet_drive import cross_of_commands, drive_fleets, row_of
 from dualnav_lite.fleet_env import FleetEnv
 from dualnav_lite.motion import STEPS
 from dualnav_lite.scenario import load_scenario
@@ -106,3 +107,30 @@ def test_an_action_for_each_agent_is_asked_for(actions):
 def test_a_scenario_without_a_fleet_is_refused():
     with pytest.raises(UnusableInput, match="no fleet; known: fleet_crossing"):
         FleetEnv(CONFIG, "navigation")
+
+
+def test_r_cross_of_a_command_is_least_for_the_one_that_is_driven_already():
+    grid = np.array([[0.0, 0.0], [0.4, 0.0], [0.8, 0.0], [0.4, 1.0], [0.4, -1.0]])
+    cross = cross_of_commands(grid, np.array([0.4, 0.0]))
+    assert cross[1] == pytest.approx(0.0)
+    assert cross.argmax() == 1
+    # a mean over 0.1, ..., 2.0 s is 1.05 s
+    assert cross[0] == cross[2] == pytest.approx(-0.4 * 1.05)
+    assert cross[3] == pytest.approx(cross[4])
+
+
+def test_the_weight_moves_commands_towards_those_that_are_expected_and_zero_is_the_policy():
+    seeds = range(1_000_000, 1_000_002)
+    tables = [drive_fleets(SCENARIO, seeds, CONFIG, "ppo", weight) for weight in (0.0, 0.0, 3.0)]
+    assert tables[0][0]["outcomes"] == tables[1][0]["outcomes"]
+    np.testing.assert_array_equal(tables[0][1]["energy"], tables[1][1]["energy"])
+    assert not np.array_equal(tables[0][1]["energy"], tables[2][1]["energy"])
+    row = row_of(SCENARIO, "ppo", 3.0, tables[2])
+    counts = [row[name] for name in ("robots_arrived", "hit_robot", "hit_other", "timeouts")]
+    assert sum(counts) == 3 * row["runs"] == 6
+    assert row["deviation_m"] > 0
+
+
+def test_an_arm_without_probabilities_has_nothing_to_choose_among():
+    with pytest.raises(UnusableInput, match="'cv_sampling' gives no probabilities"):
+        drive_fleets(SCENARIO, [1_000_000], CONFIG, "cv_sampling", 0.3)

@@ -73,7 +73,15 @@ def test_the_time_gap_looks_ahead_in_the_own_way_only():
 
 def transition(**changes):
     """A step without danger at the usual speed."""
-    calm = {"clearance": 9.0, "safe_m": 1.0, "time_gap": 9.0, "intrusion": 0.0, "energy_j": 100.0, "reference_j": 100.0}
+    calm = {
+        "clearance": 9.0,
+        "safe_m": 1.0,
+        "time_gap": 9.0,
+        "intrusion": 0.0,
+        "energy_j": 100.0,
+        "reference_j": 100.0,
+        "energy_scale": 0.04,
+    }
     calm |= {"way_before": 20.0, "way_after": 18.0, "way_scale": 2.0, "reached": False, "collided": False}
     return CarTransition(**calm | changes)
 
