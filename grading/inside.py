@@ -15,8 +15,7 @@ from pathlib import Path
 
 
 def give_way() -> None:
-    """Come after whoever looks after this from outside: for the processor, and where the machine's memory runs out."""
-    os.nice(5)
+    """Where the machine's memory runs out, go before whoever looks after this from outside."""
     with contextlib.suppress(OSError), open("/proc/self/oom_score_adj", "w", encoding="utf-8") as file:
         file.write("1000")
 

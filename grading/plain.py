@@ -8,6 +8,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from grading.bubblewrap import GIVING_WAY
+
 
 def start(program: list[str], environment: dict[str, str], lifeline: int) -> subprocess.Popen:
     """The supervisor of a sandbox, first of a session and group of its own.
@@ -18,7 +20,7 @@ def start(program: list[str], environment: dict[str, str], lifeline: int) -> sub
         lifeline: reading end of a pipe; the sandbox ends when its other end is closed.
     """
     return subprocess.Popen(
-        program,
+        [*GIVING_WAY, *program],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

@@ -111,7 +111,7 @@ class Sandbox:
             "kernels": str(shown / "kernels") if kernels.exists() else "",
             "capabilities": self._tier == "UNSANDBOXED",
             "landlock": self._tier == "B",
-            "seccomp": self._tier == "B" or (self._tier == "A" and is_root()),
+            "seccomp": self._tier != "UNSANDBOXED",
             "readable": [*system_folders(), str(shown), *([str(packages)] if packages else [])],
             "devices": DEVICES,
             "limits": {
