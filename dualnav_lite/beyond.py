@@ -52,6 +52,13 @@ def fleet(quick: bool, save) -> pd.DataFrame:
     return fleet_table((2,), (0.0, 0.3), 2, on_row=save) if quick else fleet_table(on_row=save)
 
 
+def algorithms(quick: bool, save) -> pd.DataFrame:
+    """PPO, DQN and SAC on one budget: survival, jitter, contacts while learning (15 minutes of CPU)."""
+    from dualnav_lite.algorithms import algorithms_table
+
+    return algorithms_table((0,), 2_400, 3, save) if quick else algorithms_table(on_row=save)
+
+
 TABLES: dict[str, Callable] = {
     "crowdnav": crowdnav,
     "streets": streets,
@@ -59,6 +66,7 @@ TABLES: dict[str, Callable] = {
     "parking": parking,
     "traffic": traffic,
     "fleet": fleet,
+    "algorithms": algorithms,
 }
 
 

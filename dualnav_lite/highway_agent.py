@@ -15,10 +15,9 @@ from dualnav_lite.highway import HighwayVectorEnv
 from dualnav_lite.highway_tasks import TrafficTask
 from dualnav_lite.metrics import wilson_interval
 from dualnav_lite.pareto import safe_distance
-from dualnav_lite.policy import Actor, Critic, make_actor, trunk_for
-from dualnav_lite.ppo import PPO, Batch, collect, make_optimizers, update
-from dualnav_lite.rewards import TERMS
-from dualnav_lite.rollout import RunningDeviation
+from dualnav_lite.policy import Actor
+from dualnav_lite.ppo import PPO
+from dualnav_lite.ppo_loop import learn_ppo
 from dualnav_lite.scenario import load_scenario
 from dualnav_lite.survival import survived
 
@@ -49,7 +48,7 @@ def train_car(
     preference="drawn",
     on_step: Callable = lambda infos, share: None,
 ) -> Actor:
-    """Let `ppo.collect` and `ppo.update` learn a scenario of cars; the policy.
+    """Let the kit's PPO, unchanged, learn a scenario of cars; the policy.
 
     Args:
         scenario: "parking" or "traffic".
@@ -59,30 +58,7 @@ def train_car(
         on_step: called with the infos of each step and the share of the training that is done.
     """
     env = HighwayVectorEnv(WORLDS, config_of(scenario, preference))
-    size, limits = env.single_observation_space.shape, env.limits.tolist()
-    updates = max(1, (steps or STEPS[scenario]) // (WORLDS * LENGTH))
-    with torch.random.fork_rng():
-        torch.manual_seed(seed)
-        actor, critic = make_actor(size, "gaussian", limits), Critic(trunk_for(size), len(TERMS))
-    optimizers, rng = make_optimizers(actor, critic, SETTINGS), np.random.default_rng(seed)
-    generator, deviation = torch.Generator().manual_seed(seed), RunningDeviation(WORLDS, len(TERMS), SETTINGS.gamma)
-    observations, _ = env.reset(seed=rng.integers(SEEDS["train"].stop, size=WORLDS).tolist())
-    for number in range(updates):
-        share = number / updates
-        rollout, observations = collect(
-            env,
-            actor,
-            critic,
-            observations,
-            LENGTH,
-            generator,
-            deviation,
-            lambda infos, share=share: on_step(infos, share),
-        )
-        for optimizer in optimizers:
-            for group in optimizer.param_groups:
-                group["lr"] = SETTINGS.learning_rate_actor * (1.0 - share)
-        update(actor, critic, optimizers, Batch.of(rollout, SETTINGS, deviation.deviations), SETTINGS, rng)
+    actor = learn_ppo(env, SETTINGS, steps or STEPS[scenario], seed, LENGTH, on_step)
     env.close()
     return actor
 
