@@ -91,6 +91,8 @@ def grade(
 
     rules = load_rubric(rubric or RUBRIC)
     secret = load_secret(key, rules.assignment)
+    if out.resolve().is_relative_to(folder.resolve()) or folder.resolve().is_relative_to(out.resolve()):
+        raise UnusableInput(f"--out {out} and {folder} lie in one another; results stand apart from what is handed in")
     refuse_shown(folder, out, PACKAGE.parent, *([key] if key else []))
     chosen = choose_tier(unsafe_no_sandbox, tier)
     if chosen == "UNSANDBOXED":

@@ -87,12 +87,14 @@ def start(program: list[str], environment: dict[str, str], options: list[str]) -
         os.close(tell)
     with os.fdopen(told, "rb") as file:
         answer = file.read(4096)
-    if not answer:
+    try:
+        first = json.loads(answer)["child-pid"]
+    except (ValueError, KeyError):
         process.wait(timeout=10)
         with process.stdout as stream:
             words = " ".join(stream.read(2000).decode("utf-8", "replace").split())
-        raise SandboxError(f"bubblewrap does not start: {words[:300]}")
-    return process, json.loads(answer)["child-pid"]
+        raise SandboxError(f"bubblewrap does not start: {words[:300]}") from None
+    return process, first
 
 
 def _memory_file(content: bytes) -> int:

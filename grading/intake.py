@@ -56,17 +56,21 @@ def is_plain(name: str) -> bool:
     )
 
 
-def _walk(folder: str, depth: int, found: list[tuple[str, int]], top: str) -> None:
+def _walk(folder: str, depth: int, found: list[tuple[str, int]], folders: list[str]) -> None:
     """Every file below a folder as (path, bytes); `Rejected` at the first thing that is not a plain file or folder."""
+    folders.append(folder)
     if depth > MOST_FOLDERS_DEEP:
         raise Rejected("folders_too_deep")
+    if len(folders) > MOST_FILES:
+        raise Rejected("too_many_files")
     with os.scandir(folder) as entries:
-        for entry in sorted(entries, key=lambda one: os.fsencode(one.name)):
+        some = list(itertools.islice(entries, MOST_FILES + 1))
+        for entry in sorted(some, key=lambda one: os.fsencode(one.name)):
             if not is_plain(entry.name):
                 raise Rejected("file_name")
             status = entry.stat(follow_symlinks=False)
             if stat.S_ISDIR(status.st_mode):
-                _walk(entry.path, depth + 1, found, top)
+                _walk(entry.path, depth + 1, found, folders)
             elif stat.S_ISLNK(status.st_mode):
                 raise Rejected("symbolic_link")
             elif not stat.S_ISREG(status.st_mode):
@@ -93,7 +97,7 @@ def _read(path: str) -> bytes:
 
 def _taken(folder: Path, wanted: frozenset[str]) -> dict[str, bytes]:
     found: list[tuple[str, int]] = []
-    _walk(str(folder), 0, found, str(folder))
+    _walk(str(folder), 0, found, [])
     files: dict[str, bytes] = {}
     for path, _ in found:
         name = os.path.basename(path)

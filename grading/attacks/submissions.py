@@ -129,6 +129,9 @@ def _put(path: Path, what, places: dict[str, str]) -> None:
         path.write_text(_filled(what, places), encoding="utf-8")
     elif "link" in what:
         path.symlink_to(_filled(what["link"], places))
+    elif "folders" in what:
+        for number in range(what["folders"]):
+            (path / str(number)).mkdir(parents=True)
     elif "pipe" in what:
         os.mkfifo(path)
     elif "sparse" in what:

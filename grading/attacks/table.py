@@ -24,7 +24,7 @@ class Attack:
         wire: statements run inside the called function, with the scorer's `connection` and the call's `number`.
         cell_of: source made by repeating a text.
         notebook: forged `metadata`, `cell` (metadata of the cell), `outputs`, `extra` cells, `half_character`.
-        put: further files by path: a text, or one of `link`, `pipe`, `sparse`, `repeat`, `pickle`,
+        put: further files by path: a text, or one of `link`, `pipe`, `folders`, `sparse`, `repeat`, `pickle`,
             `torch_archive`, `network_that_says`, `zip_of_zeros`.
         folder: name on disk.
         goal: endings that are right, as "status reason".

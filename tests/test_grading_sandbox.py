@@ -1,0 +1,178 @@
+"""What holds around a sandbox: it ends with its grader, has a core of its own, and hides every copy of the kit."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from dualnav_lite.config import UnusableInput
+from grading import shown, watchdog
+from grading.attacks.run import LESSON, attacked_rubric
+from grading.cores import on_a_core, take_core
+from grading.grade import grade_class
+from grading.job import Job, Limits
+from grading.masking import masks_kernels
+from grading.plain import remove
+from grading.room import NOTEBOOKS, PACKAGE, prepared
+from grading.sandbox import Sandbox
+from grading.secret import Secret
+from grading.store import locked
+from tests.test_attacks import works
+
+ROOT = Path(__file__).resolve().parents[1]
+# Inside: a process that is never the same for long, beside the one that is asked.
+RESTLESS = b"""
+import os, sys, time
+if os.fork() == 0:
+    while True:
+        if os.fork():
+            os._exit(0)
+        try:
+            os.setsid()
+        except OSError:
+            pass
+        time.sleep(0.001)
+sys.path.insert(0, os.environ["GRADING_FOLDER"])
+import serve
+serve.run({}, os.environ["GRADING_SOCKET"])
+"""
+GRADER = f"""
+import sys, time
+from grading.job import Job
+from grading.sandbox import Sandbox
+sandbox = Sandbox(Job(brought={{"restless.py": {RESTLESS!r}}}, program="restless.py"), sys.argv[1])
+sandbox.accept(60, 1 << 20)
+print(sandbox._first, sandbox.folder, flush=True)
+time.sleep(1000)
+"""
+
+
+@pytest.mark.parametrize("tier", ["A", "B"])
+def test_a_grader_that_is_killed_leaves_no_process(tier, tmp_path):
+    works(tier)
+    variables = os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}
+    grader = subprocess.Popen([sys.executable, "-c", GRADER, tier], stdout=subprocess.PIPE, text=True, env=variables)
+    first = int(grader.stdout.readline().split()[0])
+    assert watchdog.members(first, 0)
+    grader.kill()
+    grader.wait()
+    grader.stdout.close()
+    deadline = time.monotonic() + 60
+    while watchdog.members(first, 0) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert watchdog.members(first, 0) == []
+
+
+def test_each_sandbox_has_a_core_of_its_own():
+    slots = [take_core() for _ in range(len(os.sched_getaffinity(0)) + 1)]
+    taken = [core for slot, core in slots if slot]
+    assert len(set(taken)) == len(taken)
+    assert slots[-1] == (None, -1)  # more sandboxes than cores: the last one may run anywhere
+    before = os.sched_getaffinity(0)
+    if taken:
+        with on_a_core(slots[0][0], taken[0]):
+            assert os.sched_getaffinity(0) == {taken[0]}
+    assert os.sched_getaffinity(0) == before
+    for slot, _ in slots:
+        if slot:
+            slot.close()
+
+
+def test_nobody_inside_leaves_his_core():
+    works("A")
+    source = b"""
+import os, sys
+sys.path.insert(0, os.environ["GRADING_FOLDER"])
+import socket, numpy, wire
+os.sched_setaffinity(0, range(os.cpu_count()))
+client = socket.socket(socket.AF_UNIX)
+client.connect(os.environ["GRADING_SOCKET"])
+wire.Connection(client).send(wire.pack("hello", 0, "", {"cores": numpy.array(sorted(os.sched_getaffinity(0)))}))
+"""
+    with Sandbox(Job(brought={"run.py": source}, program="run.py"), "A") as sandbox:
+        _, arrays = sandbox.accept(60, 1 << 20)
+        expected = [sandbox._core] if sandbox._slot else sorted(os.sched_getaffinity(0))
+    assert arrays["cores"].tolist() == expected
+
+
+def test_installed_copies_of_the_kit_are_hidden_and_nothing_of_the_graders_is_shown(tmp_path, monkeypatch):
+    installed = tmp_path / "lib" / "python3.11" / "site-packages" / "dualnav_lite"
+    installed.mkdir(parents=True)
+    monkeypatch.setattr(shown, "system_folders", lambda: [str(tmp_path)])
+    assert str(installed) in shown.hidden_copies()
+    with pytest.raises(UnusableInput, match="submissions can read"):
+        shown.refuse_shown(tmp_path / "key")
+    monkeypatch.undo()
+    shown.refuse_shown(tmp_path, PACKAGE.parent)
+
+
+def test_compiled_kernels_stay_outside_where_one_of_them_is_asked():
+    assert masks_kernels(["rewards:hinge", "kernels.raycast:cast"])
+    assert not masks_kernels(["rewards:hinge", "rollout:gae"])
+
+
+def test_folders_however_deep_are_counted_or_told_and_taken_away(tmp_path):
+    """Deeper than a path may be long, where Python's own functions give up or recurse too far."""
+    top = tmp_path / "top"
+    top.mkdir()
+    (top / "file").write_bytes(b"x" * 100_000)
+    assert watchdog.files_below(top)[0] >= 100_000
+    here = os.open(top, os.O_RDONLY)
+    for _ in range(1_200):
+        os.mkdir("d" * 20, 0o700, dir_fd=here)
+        deeper = os.open("d" * 20, os.O_RDONLY, dir_fd=here)
+        os.close(here)
+        here = deeper
+    os.close(here)
+    with pytest.raises(watchdog.Hidden):
+        watchdog.files_below(top)
+    remove(top)
+    assert not top.exists()
+
+
+def test_a_watchdog_that_cannot_see_kills():
+    killed: list[bool] = []
+    guard = watchdog.Watchdog(os.getpid(), None, lambda: killed.append(True), None, 0)  # without limits it fails
+    guard.start()
+    guard.join(30)
+    assert killed == [True]
+    assert guard.reason == "unseen"
+
+
+def test_two_graders_in_one_folder_are_one_too_many(tmp_path):
+    with locked(tmp_path), pytest.raises(UnusableInput, match="another grader"), locked(tmp_path):
+        pass
+
+
+@pytest.mark.slow
+def test_a_submission_that_kills_the_grader_is_tried_last_and_costs_nobody_else(tmp_path, monkeypatch):
+    works("A")
+    notes = tmp_path / "tried"
+
+    def killed_by(room, submission):
+        with open(notes, "a", encoding="utf-8") as file:
+            file.write(submission.student_id + "\n")
+        if submission.student_id == "killer":
+            os.kill(os.getpid(), signal.SIGKILL)
+        return grade_one(room, submission)
+
+    from grading import crew
+
+    grade_one = crew.grade_one
+    monkeypatch.setattr(crew, "grade_one", killed_by)
+    master = (NOTEBOOKS / f"{LESSON}.ipynb").read_bytes()
+    for name in ("before", "killer", "later"):
+        (tmp_path / "class" / name).mkdir(parents=True)
+        (tmp_path / "class" / name / f"{LESSON}.ipynb").write_bytes(master)
+    with prepared(attacked_rubric(), Secret(b"k" * 32, "killer"), "A", Limits()) as room:
+        rows, lost = grade_class(tmp_path / "class", tmp_path / "out", room, say=lambda text: None)
+    tried = notes.read_text(encoding="utf-8").split()
+    assert tried == ["before", "killer", "later", "killer"]
+    assert lost == 1
+    status = {(row["student_id"], row["exercise"]): row["status"] for row in rows}
+    assert status["before", "goal"] == status["later", "goal"] == "passed"
+    assert status["killer", "goal"] == "ungraded"
