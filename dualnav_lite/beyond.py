@@ -32,21 +32,23 @@ def onboard(quick: bool, save) -> pd.DataFrame:
 
 
 def parking(quick: bool, save) -> pd.DataFrame:
-    """This kit's PPO parks cars of highway-env, SB3's beside it where installed (8 minutes of CPU)."""
+    """This kit's PPO parks cars of highway-env, SB3's beside it where installed (2 minutes of CPU)."""
     from dualnav_lite.highway_agent import highway_table
 
     return highway_table("parking", (0,), 1_024, 2, on_row=save) if quick else highway_table("parking", on_row=save)
 
 
 def traffic(quick: bool, save) -> pd.DataFrame:
-    """Three preferences in the traffic of highway-env, beside a planner (12 minutes of CPU)."""
+    """Three preferences in the traffic of highway-env, beside a planner (3 minutes of CPU)."""
     from dualnav_lite.highway_agent import highway_table
 
-    return highway_table("traffic", (0,), 1_024, 2, on_row=save) if quick else highway_table("traffic", on_row=save)
+    if quick:
+        return highway_table("traffic", (0,), 1_024, 2, peers=False, on_row=save)
+    return highway_table("traffic", peers=False, on_row=save)
 
 
 def fleet(quick: bool, save) -> pd.DataFrame:
-    """Two to four robots with the shipped policy, the cross-agent term at 0, 0.1, 0.3 and 1.0 (10 minutes of CPU)."""
+    """Two to four robots with the shipped policy, the cross-agent term at 0, 0.1, 0.3 and 1.0 (2 minutes of CPU)."""
     from dualnav_lite.fleet_drive import fleet_table
 
     return fleet_table((2,), (0.0, 0.3), 2, on_row=save) if quick else fleet_table(on_row=save)

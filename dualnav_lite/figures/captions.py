@@ -41,6 +41,21 @@ CAPTIONS = {
         "Paths of three arms through the same rooms, which are drawn as they stand when the policy arrives. Crosses end in a contact; the dashed frame is what the policy sees last.",
         "三个方案在相同房间中的轨迹；房间按策略到达时的状态绘制。叉号表示以碰撞结束；虚线框为策略最后看到的范围。",
     ),
+    "traffic": (
+        "Traffic of highway-env: energy of a journey of 300 m over the least gap to another car, means with 95 % intervals. "
+        "A line is one training; p is the preference, 0 all safety, 1 all thrift. The planner keeps lane and distance.",
+        "highway-env 交通场景：300 m 行程的能耗与和其他车辆的最小间距（均值与 95 % 区间）。每条线为一次训练；p 为偏好，0 为全安全，"
+        "1 为全节能。规划器保持车道与车距。",
+    ),
+    "fleet": (
+        "Fleets of two to four robots with the same policy. Left: robots that arrived. Right: mean distance between where "
+        "neighbours' lidars predicted a robot for the next 2 s and where it went. Weight 0 is the policy as it is.",
+        "两至四台机器人使用同一策略。左：到达目标的机器人比例。右：邻机激光雷达对未来 2 s 的预测与实际轨迹的平均距离。权重 0 为原策略。",
+    ),
+    "algorithms": (
+        "PPO, DQN and SAC on the same worlds, observation (46 numbers) and budget; a point a training seed.",
+        "PPO、DQN 与 SAC：相同的环境、观测（46 个数）与训练预算；每点为一个训练种子。",
+    ),
     "reward_terms": (
         "Weighted reward terms of one crossing, summed up from its start (linear between -1 and 1, logarithmic beyond); below, speed and clearance of the hull (cut at 1.5 m).",
         "一次穿越中各加权奖励项自起点的累计值（-1 与 1 之间为线性，之外为对数）；下方为速度与机身间距（截于 1.5 m）。",

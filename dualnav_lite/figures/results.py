@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 
 from dualnav_lite.config import UnusableInput, write_atomic
 from dualnav_lite.figures import FORMATS, LANGUAGES, _check, _save, runs, style_of
+from dualnav_lite.figures.beyond import BEYOND
 from dualnav_lite.figures.captions import caption_lines
 from dualnav_lite.figures.sheet import QUIET, SMALL, Sheet, Words
 from dualnav_lite.judge import PUBLISHED, bounds
@@ -225,7 +226,7 @@ RESULTS: dict[str, tuple[tuple[str, ...], Callable[[Words, Read], Figure]]] = {
 
 def table_path(name: str, results: Path, reference: Path = REFERENCE) -> Path | None:
     """Where a table stands: in the results, or else among the published ones; None if nowhere."""
-    places = (results / f"{name}.csv", reference / f"{name}.csv")
+    places = (results / f"{name}.csv", reference / f"{name}.csv", reference / "beyond" / f"{name}.csv")
     return next((path for path in places if path.exists()), None)
 
 
@@ -240,14 +241,16 @@ def make_result_figures(
 
     Args:
         results: folder with the tables of `judge.judge_folder` or of a measurement.
-        language: "en" or "zh"; formats: of `figures.FORMATS`; names: of `RESULTS`, None for all that can be drawn.
+        language: "en" or "zh"; formats: of `figures.FORMATS`; names: of `RESULTS` and `BEYOND`, None for all that can
+            be drawn.
         reference: where a table is looked for that `results` lacks.
 
     Raises:
         UnusableInput: an unknown name, language or format, a font or a table that is missing.
     """
     results = Path(results)
-    _check(names or (), RESULTS, "figure of results")
+    known = RESULTS | BEYOND
+    _check(names or (), known, "figure of results")
     _check([language], LANGUAGES, "language")
     _check(formats, FORMATS, "format")
 
@@ -256,8 +259,10 @@ def make_result_figures(
 
     written, drawn = [], []
     with matplotlib.rc_context(style_of(language)):
-        for name in names or RESULTS:
-            needed, draw = RESULTS[name]
+        # What lies beyond is drawn with its own tables alone: a report of the stress scenarios has no use for it.
+        own = [name for name in BEYOND if (results / f"{name}.csv").exists()]
+        for name in names or [*RESULTS, *own]:
+            needed, draw = known[name]
             missing = [table for table in needed if table_path(table, results, reference) is None]
             if missing and names:
                 raise UnusableInput(f"figure '{name}' needs {missing[0]}.csv, which is not in {results}")

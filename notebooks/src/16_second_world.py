@@ -128,7 +128,7 @@ print(f"turned round where it should stand: {table[middle, middle, headings // 2
 # 16 cars side by side, 64 steps each, update, again: `train_car` is the loop of lesson 11, twenty lines long.
 
 # %%
-parking_steps = 1_024 if quick else 100_000
+parking_steps = 1_024 if quick else 80_000
 ended = []
 
 
@@ -180,7 +180,7 @@ display(film(pictures[::2], 200, 480))
 # %% [markdown]
 # ## 5. Traffic: one policy, three tastes
 #
-# 300 m on three lanes; eight slower cars ahead, which change lanes and brake as they like. Slow is safe, since nobody is near,
+# 300 m on three lanes; five slower cars ahead, which change lanes and brake as they like. Slow is safe, since nobody is near,
 # but idling costs; fast is cheap, but somebody is in the way. One training, the preference drawn anew for each episode.
 
 # %%
@@ -208,8 +208,8 @@ axis.legend()
 plt.show()
 
 # %% [markdown]
-# The bars are 95 % intervals of one training with one seed: three seeds stand in `stress_tests/reference/beyond`, made by
-# `python kit.py beyond parking` and `python kit.py beyond traffic`. The grey point is a planner of ten lines that keeps its
+# The bars are 95 % intervals over journeys, of one training with one seed: another seed may differ by more. The tables in
+# `stress_tests/reference/beyond` are made by `python kit.py beyond parking` and `python kit.py beyond traffic`. The grey point is a planner of ten lines that keeps its
 # lane and its distance.
 #
 # What this lesson shows: the learner and the judgement carry over, unchanged. What it does not show: that a policy does.

@@ -1,0 +1,105 @@
+"""Figures from beyond the kit's own world: traffic's front, a fleet with its cross-agent term, three learners."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from dualnav_lite.figures.sheet import SMALL, Sheet, Words
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
+MARKERS = ("o", "s", "^", "D")
+Read = Callable[[str], pd.DataFrame]
+
+
+def _bars(axes, x, middle, low, high, **style) -> None:
+    """Points with their intervals."""
+    middle = np.asarray(middle, float)
+    spread = np.maximum(np.stack([middle - np.asarray(low, float), np.asarray(high, float) - middle]), 0.0)
+    axes.errorbar(x, middle, np.nan_to_num(spread), capsize=3, linewidth=1.6, markersize=7, **style)
+
+
+def traffic(words: Words, read: Read) -> Figure:
+    """Energy of a journey over the least gap, a line a training through its preferences, beside a planner."""
+    table = read("traffic")
+    sheet = Sheet(9.0, 5.0)
+    axes = sheet.axes(1.0, 0.4, 5.2, 3.7)
+    for k, ((arm, seed), points) in enumerate(table.groupby(["arm", "training_seed"], dropna=False, sort=False)):
+        points, colour = points.sort_values("preference"), COLOURS[k % 4]
+        label = arm if pd.isna(seed) else words.row(arm, f"{words('training seed')} {int(seed)}")
+        across = np.stack([points.safe_dist_m - points.safe_low, points.safe_high - points.safe_dist_m])
+        up = np.stack([points.energy_kj - points.energy_low, points.energy_high - points.energy_kj])
+        axes.errorbar(
+            points.safe_dist_m,
+            points.energy_kj,
+            up,
+            across,
+            color=colour,
+            marker=MARKERS[k % 4],
+            capsize=3,
+            label=label,
+        )
+        for row in points.itertuples() if len(points) > 1 else ():
+            place = (row.safe_dist_m, row.energy_kj)
+            axes.annotate(f"p = {row.preference:g}", place, (6, 6), textcoords="offset points", fontsize=SMALL)
+    axes.set(xlabel=words("mean least gap to another car [m]"), ylabel=words("energy of a journey [kJ]"))
+    axes.grid(True)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), fontsize=SMALL)
+    return sheet.figure
+
+
+def fleet(words: Words, read: Read) -> Figure:
+    """Robots that arrive, and how far they were from where neighbours expected them, over the cross-agent weight."""
+    table = read("fleet")
+    sheet = Sheet(12.6, 4.9)
+    left, right = sheet.axes(1.0, 0.4, 5.0, 3.3), sheet.axes(7.3, 0.4, 5.0, 3.3)
+    for k, (robots, rows) in enumerate(table.groupby("robots")):
+        # A little apart, so that intervals can be read.
+        x = np.arange(len(rows)) + 0.08 * (k - 1)
+        look = {"color": COLOURS[k % 4], "marker": MARKERS[k % 4], "label": words("{n} robots").format(n=robots)}
+        rates = [100.0 * rows[name] for name in ("arrived_rate", "wilson_low", "wilson_high")]
+        _bars(left, x, *rates, **look)
+        _bars(right, x, rows.deviation_m, rows.deviation_low, rows.deviation_high, **look)
+    for axes in (left, right):
+        axes.set_xticks(range(table.cross_weight.nunique()), [f"{one:g}" for one in table.cross_weight.unique()])
+        axes.set_xlabel(words("weight of the cross-agent term"))
+        axes.grid(True, axis="y")
+    left.set_ylabel(words("robots that arrived, 95 % interval [%]"))
+    right.set_ylabel(words("off the predicted way [m]"))
+    handles, labels = left.get_legend_handles_labels()
+    sheet.figure.legend(handles, labels, loc="lower center", ncols=len(labels), fontsize=SMALL)
+    return sheet.figure
+
+
+def algorithms(words: Words, read: Read) -> Figure:
+    """Survival, jitter and contacts while learning of PPO, DQN and SAC, a point a training seed."""
+    table = read("algorithms")
+    names = list(dict.fromkeys(table.algorithm))
+    sheet = Sheet(13.2, 3.9)
+    panels = (
+        ("survived, 95 % interval [%]", "survival_rate", "wilson_low", "wilson_high", 100.0),
+        ("acceleration, rms [m/s²]", "accel_rms", "accel_low", "accel_high", 1.0),
+        ("turns the other way a second", "turns_a_second", "turns_low", "turns_high", 1.0),
+        ("contacts while learning", "learning_collisions", "learning_collisions", "learning_collisions", 1.0),
+    )
+    for k, (text, middle, low, high, scale) in enumerate(panels):
+        axes = sheet.axes(0.75 + 3.25 * k, 0.8, 2.4, 2.4)
+        for j, name in enumerate(names):
+            rows = table[table.algorithm == name]
+            x = j + 0.15 * (np.arange(len(rows)) - 0.5 * (len(rows) - 1))
+            values = [scale * rows[column] for column in (middle, low, high)]
+            _bars(axes, x, *values, color=COLOURS[j % 4], marker=MARKERS[j % 4], linestyle="")
+        axes.set_xticks(range(len(names)), [name.upper() for name in names])
+        axes.set(xlim=(-0.6, len(names) - 0.4), ylim=(0, None))
+        axes.set_title(words(text), fontsize=SMALL, fontweight="normal", loc="left")
+        axes.grid(True, axis="y")
+    return sheet.figure
+
+
+# Name of a figure, the tables it needs, and who draws it; drawn where the table stands in the folder, or when asked.
+BEYOND: dict[str, tuple[tuple[str, ...], Callable[[Words, Read], Figure]]] = {
+    "traffic": (("traffic",), traffic),
+    "fleet": (("fleet",), fleet),
+    "algorithms": (("algorithms",), algorithms),
+}
