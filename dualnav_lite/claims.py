@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
+from dualnav_lite.beyond_claims import fleet_differences, learner_differences
 from dualnav_lite.config import Frozen, UnusableInput, read_yaml, validated
 from dualnav_lite.metrics import wilson_interval
 from dualnav_lite.pareto import pareto_episodes
@@ -214,9 +215,13 @@ def reference_tables(results: Path | None = None, reference: Path = REFERENCE) -
 
     The survival table and the article's view are made from the published rows where no folder has them.
     """
-    tables = read_tables([folder for folder in (results, reference) if folder])
+    tables = read_tables([folder for folder in (results, reference, reference / "beyond") if folder])
     rows = published_rows(reference)
     if len(rows):
         tables.setdefault("survival", survival(rows))
         tables.setdefault("pareto_episodes", pareto_episodes(rows))
+    if "algorithms" in tables:
+        tables["learners"] = learner_differences(tables["algorithms"])
+    if "fleet" in tables:
+        tables["fleets"] = fleet_differences(tables["fleet"])
     return tables
