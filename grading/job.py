@@ -16,7 +16,8 @@ class Limits:
     file_mb: int = 64
     disk_mb: int = 256
     files: int = 20_000
-    start_s: float = 60.0  # until the hello: start of the kernel, imports and the student's own cells
+    start_s: float = 60.0  # until the first hello: start of papermill and the kernel
+    cells_s: float = 60.0  # from there until all cells have run, imports too
 
 
 @dataclass

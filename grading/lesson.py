@@ -64,24 +64,42 @@ class Setting:
 
 
 class Session:
-    """A sandbox that has said hello and waits for questions."""
+    """A sandbox whose kernel runs."""
 
     def __init__(self, setting: Setting, sources: dict[str, str]):
         notebook = rebuilt(setting.master, sources)
         job = Job(setting.packages, {"notebook.ipynb": notebook}, kernels=setting.kernels, limits=setting.limits)
         self.sandbox = Sandbox(job, setting.tier)
         self.executed = b""
+        try:
+            self._connection, _ = self.sandbox.accept(setting.limits.start_s, MOST_REPLY)
+        except wire.ProtocolError:
+            self.close()
+            raise SandboxError("the kernel does not start") from None
 
     def begin(self, seconds: float) -> None:
-        """Wait for the hello."""
-        connection, arrays = self.sandbox.accept(seconds, MOST_REPLY)
+        """Wait until all cells have run."""
+        kind, number, word, arrays = self._connection.receive(time.monotonic() + seconds)
+        if (kind, number, word) != ("hello", 0, "ready"):
+            raise wire.ProtocolError("not the end of the cells")
         notebook = arrays.get("notebook")
         if notebook is not None and notebook.dtype.name == "uint8" and notebook.size <= 1 << 20:
             self.executed = notebook.tobytes()
-        self.caller = wire.Caller(connection)
+        self.caller = wire.Caller(self._connection)
 
     def close(self) -> None:
         self.sandbox.close()
+
+
+def _started(setting: Setting, cells: dict[str, str]) -> Session:
+    """A session; a second try where the first fails, before any cell of others has run.
+
+    Raises:
+        SandboxError: both fail.
+    """
+    with contextlib.suppress(SandboxError):
+        return Session(setting, cells)
+    return Session(setting, cells)
 
 
 def untouched(source: str, stub: str) -> bool:
@@ -181,12 +199,12 @@ class _Run:
         session = None
         try:
             try:
-                session = Session(self._setting, cells)
+                session = _started(self._setting, cells)
             except SandboxError:
                 yield Outcome(0.0, "ungraded", "sandbox_failed")
                 return
             try:
-                session.begin(self._setting.limits.start_s)
+                session.begin(self._setting.limits.cells_s)
             except wire.ProtocolError as error:
                 yield self._without_hello(session, error)
                 return
@@ -197,13 +215,11 @@ class _Run:
                 session.close()
 
     def _without_hello(self, session, error) -> Outcome:
-        """Why nobody answered: an empty notebook that gets no further either is not the student's fault."""
+        """Why the cells did not run to their end, although the kernel did run."""
         if session.sandbox.killed_for:
             return Outcome(0.0, "error", f"too_much_{session.sandbox.killed_for}")
         if isinstance(error, wire.DeadlineError):
             return Outcome(0.0, "timeout", "cells_took_too_long")
-        if not session.sandbox.ran_cells():
-            return Outcome(0.0, "ungraded", "sandbox_failed")
         reason = "kernel_ended" if isinstance(error, wire.ClosedError) else "protocol"
         return Outcome(0.0, "error", reason)
 

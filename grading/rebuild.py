@@ -16,11 +16,14 @@ KERNEL = {
     "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
     "language_info": {"name": "python"},
 }
-# The paths are looked up inside, since they differ between tiers.
-SERVE = """import os as _os, sys as _sys
+# The paths are looked up inside, since they differ between tiers. The first cell says that the kernel runs: what goes
+# wrong before is our fault, what goes wrong between the two is the student's.
+START = """import os as _os, sys as _sys
 _sys.path.insert(0, _os.environ["GRADING_FOLDER"])
-import serve as _serve
-_serve.run(globals(), _os.environ["GRADING_SOCKET"], _os.environ["GRADING_EXECUTED"])
+import serve as _grading_serve
+_grading_connection = _grading_serve.greet(_os.environ["GRADING_SOCKET"])
+"""
+SERVE = """_grading_serve.run(globals(), _grading_connection, _os.environ["GRADING_EXECUTED"])
 """
 
 
@@ -130,16 +133,16 @@ def rebuilt(master: Master, sources: dict[str, str]) -> bytes:
         master: of the lesson.
         sources: cell by exercise; exercises that are missing are left out.
     """
-    texts = []
-    for kind, value in master.order:
+    texts = {"start": START}
+    for k, (kind, value) in enumerate(master.order):
         if kind == "given":
-            texts.append(value)
+            texts[f"given-{k}"] = value
         elif value in sources:
-            texts.append(sources[value])
-    texts.append(SERVE)
+            texts[f"solution-{k}"] = sources[value]
+    texts["serve"] = SERVE
     cells = [
-        {"cell_type": "code", "execution_count": None, "id": f"c{k}", "metadata": {}, "outputs": [], "source": text}
-        for k, text in enumerate(texts)
+        {"cell_type": "code", "execution_count": None, "id": name, "metadata": {}, "outputs": [], "source": text}
+        for name, text in texts.items()
     ]
     return json.dumps({"cells": cells, "metadata": KERNEL, "nbformat": 4, "nbformat_minor": 5}).encode("utf-8")
 

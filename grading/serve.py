@@ -35,19 +35,30 @@ def answer(function, arrays: dict, word: str, number: int) -> bytes:
         return wire.pack("error", number, name, {})
 
 
-def run(namespace: dict, endpoint: str, executed: str = "", state: dict | None = None) -> None:
-    """Answer until the scorer hangs up.
+def greet(endpoint: str) -> wire.Connection:
+    """The connection to the scorer, with a hello sent: from here on it is not our fault if nothing more comes.
 
     Args:
-        namespace: names that the notebook defined.
         endpoint: path of the scorer's socket.
-        executed: notebook that papermill writes.
-        state: what adapters keep between calls.
     """
     client = socket.socket(socket.AF_UNIX)
     client.connect(endpoint)
     connection = wire.Connection(client)
-    connection.send(wire.pack("hello", 0, "", {"notebook": executed_so_far(executed)} if executed else {}))
+    connection.send(wire.pack("hello", 0, "", {}))
+    return connection
+
+
+def run(namespace: dict, connection: wire.Connection, executed: str = "", state: dict | None = None) -> None:
+    """Say that all cells have run, where there are any, and answer until the scorer hangs up.
+
+    Args:
+        namespace: names that the notebook defined.
+        connection: from `greet`.
+        executed: notebook that papermill writes.
+        state: what adapters keep between calls.
+    """
+    if executed:
+        connection.send(wire.pack("hello", 0, "ready", {"notebook": executed_so_far(executed)}))
     state = {} if state is None else state
     while True:
         try:
@@ -65,4 +76,4 @@ def run(namespace: dict, endpoint: str, executed: str = "", state: dict | None =
 
 
 if __name__ == "__main__":
-    run({"weights": os.environ.get("GRADING_WEIGHTS", "")}, os.environ["GRADING_SOCKET"])
+    run({"weights": os.environ.get("GRADING_WEIGHTS", "")}, greet(os.environ["GRADING_SOCKET"]))

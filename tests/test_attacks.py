@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from dualnav_lite.config import UnusableInput
-from grading.attacks.run import run
+from grading.attacks.graded import run_all
 from grading.attacks.table import read_table
 from grading.probe import leaks, probe
 from grading.room import PACKAGE
@@ -70,7 +70,7 @@ def test_a_probe_finds_every_door_shut(tier):
 @pytest.mark.parametrize(("tier", "names"), [("A", FAST), ("B", FAST_IN_TIER_B)])
 def test_a_dozen_attacks_end_as_they_should(tier, names):
     works(tier)
-    endings, wrong = run([TABLE[name] for name in names], tier)
+    endings, wrong = run_all([TABLE[name] for name in names], tier)
     assert {one.attack.name: one.found for one in endings if not one.right} == {}
     assert wrong == []
 
@@ -79,7 +79,7 @@ def test_a_dozen_attacks_end_as_they_should(tier, names):
 @pytest.mark.parametrize("tier", ["A", "B"])
 def test_all_attacks_end_as_they_should(tier):
     works(tier)
-    endings, wrong = run(list(TABLE.values()), tier)
+    endings, wrong = run_all(list(TABLE.values()), tier)
     assert {one.attack.name: one.found for one in endings if not one.right} == {}
     assert wrong == []
     assert len(endings) == len(TABLE)

@@ -11,10 +11,11 @@ import pytest
 
 from dualnav_lite.config import UnusableInput
 from grading import shown, watchdog
-from grading.attacks.run import LESSON, attacked_rubric
+from grading.attacks.graded import LESSON, attacked_rubric
 from grading.cores import on_a_core, take_core
 from grading.grade import grade_class
 from grading.job import Job, Limits
+from grading.lesson import grade_lesson
 from grading.masking import masks_kernels
 from grading.plain import remove
 from grading.room import NOTEBOOKS, PACKAGE, prepared
@@ -38,7 +39,7 @@ if os.fork() == 0:
         time.sleep(0.001)
 sys.path.insert(0, os.environ["GRADING_FOLDER"])
 import serve
-serve.run({}, os.environ["GRADING_SOCKET"])
+serve.run({}, serve.greet(os.environ["GRADING_SOCKET"]))
 """
 GRADER = f"""
 import sys, time
@@ -176,3 +177,12 @@ def test_a_submission_that_kills_the_grader_is_tried_last_and_costs_nobody_else(
     status = {(row["student_id"], row["exercise"]): row["status"] for row in rows}
     assert status["before", "goal"] == status["later", "goal"] == "passed"
     assert status["killer", "goal"] == "ungraded"
+
+
+def test_a_kernel_that_does_not_start_in_time_is_nobodys_zero():
+    works("A")
+    limits = Limits(start_s=0.05)
+    with prepared(attacked_rubric(), Secret(b"k" * 32, "late"), "A", limits) as room:
+        setting = room.setting(LESSON)
+        outcomes, _ = grade_lesson(setting, setting.master.solutions)
+    assert {(one.status, one.reason) for one in outcomes.values()} == {("ungraded", "sandbox_failed")}

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from dualnav_lite.config import UnusableInput
-from grading.attacks.run import run
+from grading.attacks.graded import run_all
 from grading.attacks.table import read_table
 from grading.tiers import choose_tier
 
@@ -27,7 +27,7 @@ def attack(
         raise UnusableInput(f"no attack '{unknown[0]}'; known: {', '.join(table)}")
     chosen = choose_tier(wanted=tier)
     attacks = [table[name] for name in names] if names else list(table.values())
-    endings, wrong = run(attacks, chosen, lambda text: print(text, file=sys.stderr))
+    endings, wrong = run_all(attacks, chosen, lambda text: print(text, file=sys.stderr))
     if as_json:
         told = {one.attack.name: [one.right, one.found] for one in endings}
         print(json.dumps({"tier": chosen, "endings": told, "wrong": wrong}))

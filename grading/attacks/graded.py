@@ -22,7 +22,7 @@ from grading.tables import FORMULA
 LESSON = "07_rewards"
 SECONDS = 6.0  # of the attacked function: what hangs costs this
 # Small, so that whoever takes more than his share is stopped before this machine notices.
-LIMITS = Limits(memory_mb=900, disk_mb=96, files=5_000, start_s=25.0)
+LIMITS = Limits(memory_mb=900, disk_mb=96, files=5_000, cells_s=20.0)
 
 
 @dataclass
@@ -61,7 +61,7 @@ def is_inert(table: bytes) -> bool:
     return not any(cell.startswith(FORMULA) or not cell.isprintable() for cell in cells)
 
 
-def run(attacks: list[Attack], tier: str, say=lambda text: None) -> tuple[list[Ending], list[str]]:
+def run_all(attacks: list[Attack], tier: str, say=lambda text: None) -> tuple[list[Ending], list[str]]:
     """Endings in the order of the attacks, and what else is wrong: canaries reached, work lost, a table that computes.
 
     Args:
