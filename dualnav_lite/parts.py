@@ -20,6 +20,8 @@ from dualnav_lite.evaluate import PARTS_MARK
 
 SUMMARY = "parts.json"
 POLICY = "ppo_actor.onnx"  # what lesson 11 exports into `weights/`
+STAND_IN_IMPORT = "from dualnav_lite.check import reference"
+STAND_IN = '{id} = reference("{id}")  # the library\'s, for the functions that call it'
 STATES = {
     "passed": Text("passed", "通过"),
     "wrong": Text("not right yet", "还不对"),
@@ -81,7 +83,10 @@ def _run(cells: list[tuple[str, str]], name: str) -> dict:
 
 
 def lesson_parts(lesson: str, cells: list[tuple[str, str]] | None) -> dict[str, Part]:
-    """The part of each exercise of a lesson; cells None means that there is no notebook."""
+    """The part of each exercise of a lesson; cells None means that there is no notebook.
+
+    A function that calls one of an earlier exercise gets the library's where that one does not pass.
+    """
     found = _run(cells, f"parts_of_{lesson}") if cells else {}
     parts = {}
     for exercise in LESSONS[lesson]:
@@ -92,6 +97,7 @@ def lesson_parts(lesson: str, cells: list[tuple[str, str]] | None) -> dict[str, 
             wrong = judge(exercise, mine)
             state = "passed" if wrong is None else "not done" if isinstance(wrong, NotDone) else "wrong"
         parts[exercise] = Part(exercise, lesson, state, mine if state == "passed" else reference(exercise))
+        found[exercise] = parts[exercise].function
     return parts
 
 
@@ -154,7 +160,10 @@ def export_parts(notebooks: str | Path, out: str | Path) -> dict[str, Part]:
         path = Path(notebooks) / f"{lesson}.ipynb"
         cells = cells_of(path) if path.exists() else None
         found |= lesson_parts(lesson, cells)
-        kept = [source for exercise, source in cells or [] if not exercise or found[exercise].is_yours]
+        kept = [STAND_IN_IMPORT]
+        for exercise, source in cells or []:
+            is_kept = not exercise or found[exercise].is_yours
+            kept.append(source if is_kept else STAND_IN.format(id=exercise))
         if any(found[exercise].is_yours for exercise in LESSONS[lesson]):
             write_atomic(Path(out) / f"{lesson}.py", "\n\n\n".join(kept) + "\n")
     if all(one.state == "no notebook" for one in found.values()):
@@ -173,16 +182,26 @@ def load_parts(folder: str | Path) -> dict[str, Callable]:
         UnusableInput: the folder is no export, or none of its functions passes.
     """
     if not (Path(folder) / SUMMARY).exists():
-        raise UnusableInput(f"{folder}: no {SUMMARY}; make the folder by `python kit.py parts`")
+        raise UnusableInput(f"{folder}: no {SUMMARY}; make the folder by `python kit.py status --export FOLDER`")
+    summary = _read_summary(Path(folder) / SUMMARY)
     found: dict[str, Callable] = {}
     for lesson in LESSONS:
         path = Path(folder) / f"{lesson}.py"
         if path.exists():
             parts = lesson_parts(lesson, [("", path.read_text(encoding="utf-8"))])
-            found |= {name: one.function for name, one in parts.items() if one.is_yours}
+            found |= {name: one.function for name, one in parts.items() if one.is_yours and name in summary}
     if not found:
         raise UnusableInput(f"{folder}: none of its parts passes its check")
     return found
+
+
+def _read_summary(path: Path) -> set[str]:
+    """Exercises whose function an export says to be the student's."""
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))
+        return {name for name, row in rows.items() if row["is_yours"]}
+    except (ValueError, AttributeError, TypeError, KeyError):
+        raise UnusableInput(f"{path}: not what an export writes; make the folder again") from None
 
 
 def fingerprint_of(folder: str | Path) -> str:

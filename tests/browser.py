@@ -1,4 +1,4 @@
-"""A headless Chromium that is asked over its DevTools protocol: opens pages, runs JavaScript, clicks, takes pictures."""
+"""A headless Chromium, asked over its DevTools protocol: opens pages, runs JavaScript, clicks, takes pictures."""
 
 import base64
 import json
@@ -11,10 +11,18 @@ import requests
 import websocket
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
-QUIET = (
-    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
-    "--disable-component-update --disable-sync --remote-debugging-port=0 --remote-allow-origins=*"
-).split()
+QUIET = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--remote-debugging-port=0",
+    "--remote-allow-origins=*",
+]
 
 
 def chromium() -> str | None:
@@ -90,7 +98,12 @@ class Browser:
     def click(self, script: str, across: float = 0.5) -> None:
         """Press the mouse on an element, at a share of its width."""
         at = self.place(script)
-        spot = {"x": at["x"] + across * at["width"], "y": at["y"] + 0.5 * at["height"], "button": "left", "clickCount": 1}
+        spot = {
+            "x": at["x"] + across * at["width"],
+            "y": at["y"] + 0.5 * at["height"],
+            "button": "left",
+            "clickCount": 1,
+        }
         for kind in ("mousePressed", "mouseReleased"):
             self.call("Input.dispatchMouseEvent", type=kind, **spot)
 

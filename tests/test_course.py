@@ -90,6 +90,30 @@ def test_export_holds_what_passes_and_can_be_loaded_again(tmp_path, capsys):
     assert sorted(path.name for path in out.iterdir()) == ["07_rewards.py", "parts.json"]
 
 
+def test_a_part_that_stands_on_a_wrong_one_stands_on_the_librarys(tmp_path, capsys):
+    course.write_lessons(tmp_path)
+    worked = {cell.id: cell.source for cell in nbformat.read(ROOT / "notebooks" / "06_encoder.ipynb", 4).cells}
+    wrong = worked["project_intensity"].replace("(rows >= 0) & ", "")  # wraps round the upper edge
+    assert wrong != worked["project_intensity"]
+    for exercise, source in {**worked, "project_intensity": wrong}.items():
+        if exercise in LESSONS["06_encoder"]:
+            solve(tmp_path / "06_encoder.ipynb", exercise, source)
+    found = parts.export_parts(tmp_path, tmp_path / "out")
+    assert {name: found[name].state for name in LESSONS["06_encoder"]} == {
+        "paint_bands": "passed",
+        "project_intensity": "wrong",
+        "encode_state": "passed",
+    }
+    assert sorted(parts.load_parts(tmp_path / "out")) == ["encode_state", "paint_bands"]
+    scan = np.zeros((1080, 2), np.float32)
+    scan[:, 0], scan[540] = 10.0, (5.0, 0.8)  # ahead, beyond the image
+    intensity = parts.load_parts(tmp_path / "out")["encode_state"].__globals__["project_intensity"](scan)
+    assert not intensity.any()
+    (tmp_path / "out" / "parts.json").write_text("[1]", encoding="utf-8")
+    with pytest.raises(UnusableInput, match="not what an export writes"):
+        parts.load_parts(tmp_path / "out")
+
+
 def test_an_arm_drives_in_worlds_with_the_students_parts(tmp_path):
     course.write_lessons(tmp_path)
     lesson = tmp_path / "07_rewards.ipynb"
