@@ -22,7 +22,7 @@ from grading.tables import FORMULA
 LESSON = "07_rewards"
 SECONDS = 6.0  # of the attacked function: what hangs costs this
 # Small, so that whoever takes more than his share is stopped before this machine notices.
-LIMITS = Limits(memory_mb=900, disk_mb=96, files=5_000, cells_s=20.0)
+LIMITS = Limits(memory_mb=900, disk_mb=96, files=5_000, cells_s=15.0)
 
 
 @dataclass

@@ -17,6 +17,7 @@ class Attack:
     """One hostile submission.
 
     Attributes:
+        group: file that it stands in, such as `doors`.
         name: a word; the folder it is handed in as, unless `folder` says otherwise.
         line: the line of the list of attacks that it stands for.
         cell: source of the cell `goal`; `@NAME@` becomes what `Canaries.places` holds.
@@ -34,6 +35,7 @@ class Attack:
 
     name: str
     line: str
+    group: str = ""
     cell: str = ""
     honest: bool = False
     wire: str = ""
@@ -73,7 +75,7 @@ def read_table() -> dict[str, Attack]:
                 if key in entry:
                     entry[key] = _endings(entry[key])
             try:
-                attack = Attack(**entry)
+                attack = Attack(group=name.removesuffix(".yaml"), **entry)
             except TypeError as error:
                 raise UnusableInput(f"{name}: {entry.get('name')}: {error}") from None
             if attack.name in found:
