@@ -11,6 +11,7 @@ from dualnav_lite.encoder import Ego, encode_states
 from dualnav_lite.forecast import shipped
 from dualnav_lite.geometry import to_robot, to_world
 from dualnav_lite.lidar import Lidar
+from dualnav_lite.localiser import Localiser
 from dualnav_lite.mapping import Mapper
 from dualnav_lite.motion import STEP_S, STEPS, Prediction
 from dualnav_lite.routing import Guide
@@ -27,7 +28,7 @@ class Percept:
     """What n robots know after a control step; every array is fresh, robot frame unless said.
 
     Attributes:
-        scans: (n, beams, 2); pose: (n, 3) odometry; map: (n, 64, 64); map_age_s: (n,).
+        scans: (n, beams, 2); pose: (n, 3) believed; map: (n, 64, 64); map_age_s: (n,).
         tracks: nearest moving things; prediction: where they will be.
         goal_robot, guide_robot: (n, 2) [m]; path_robot: (n, 32, 2) [m].
     """
@@ -62,6 +63,7 @@ class Perception:
         self._lstm = shipped() if predictor is None and config.predictor == "lstm" else None
         self._lidar = Lidar(config.lidar, n)
         self.mapper = Mapper(config.map, config.lidar, n, config.control_dt_s)
+        self.localiser = Localiser(config.map, beams, config.lidar.range_max_m, n)
         self._tracker = Tracker(n, config.control_dt_s, PREDICTOR_SCANS if self._lstm else 0)
         self._guide = Guide(config.guide, config.map, n)
         depth = PREDICTOR_SCANS if predictor or self._lstm else FLOW_SCANS
@@ -70,13 +72,14 @@ class Perception:
         self._is_first = np.ones(n, bool)
         self._keys = np.zeros(n, np.uint64)
         self._lux = np.zeros(n)
-        self._goal_odom = np.zeros((n, 2))
+        self._goals = np.zeros((n, 2))
 
     def reset(self, world: int, scenario: Scenario, seed: int, sim: Simulation) -> None:
         """Forget one world and set up its light and link."""
         link = scenario.link
         worlds = np.array([world])
-        pose = sim.robots.pose_odom[worlds]
+        self.localiser.reset(world, sim.robots.pose_odom[world])
+        pose = self.localiser.poses[worlds]
         key = streams.stream_key(seed, "link")
         self.mapper.reset(worlds, pose, [link.delay_s], [link.loss], [link.burst_mean_s], np.array([key], np.uint64))
         self._tracker.reset(worlds)
@@ -88,8 +91,8 @@ class Perception:
 
     def tell_goal(self, world: int, sim: Simulation) -> None:
         """Give the robot its present goal, in the frame it believes in; whoever issues it sees where the robot is."""
-        believed = to_world(to_robot(sim.goals[world], sim.poses[world]), sim.robots.pose_odom[world])
-        self._goal_odom[world] = believed
+        self.localiser.follow(sim.robots.pose_odom)
+        self._goals[world] = to_world(to_robot(sim.goals[world], sim.poses[world]), self.localiser.poses[world])
 
     def sense(self, sim: Simulation, active, idle) -> Percept:
         """What the robots know now.
@@ -99,17 +102,19 @@ class Perception:
             active: (n,) worlds that have moved on since the last call; the others are not updated.
             idle: (n,) worlds without an open goal, whose goal and guide read 0.
         """
-        pose = sim.robots.pose_odom.copy()
         steps = sim.steps
         scans, labels = self._lidar.scan(sim.poses, sim.scene, self._lux, self._keys, steps)
+        self.localiser.follow(sim.robots.pose_odom)
+        self.localiser.match(self.mapper.received, self.mapper.received_corners, scans, steps, active)
+        pose = self.localiser.poses.copy()
         self._remember(scans, pose, active)
         self.mapper.update(pose, scans, labels, steps, active)
         crops = self.mapper.crops(pose, scans, labels)
         tracks = self._tracker.update(pose, scans, active)
-        due = active & self._guide.is_due(self._goal_odom, steps)
+        due = active & self._guide.is_due(self._goals, steps)
         grids = self.mapper.plan_grids(pose, scans, labels, due)
-        guide_robot, path_robot, _ = self._guide.update(grids, pose, self._goal_odom, steps, due)
-        goal_robot = to_robot(self._goal_odom, pose)
+        guide_robot, path_robot, _ = self._guide.update(grids, pose, self._goals, steps, due)
+        goal_robot = to_robot(self._goals, pose)
         if idle.any():
             goal_robot[idle] = guide_robot[idle] = path_robot[idle] = 0.0
         return Percept(

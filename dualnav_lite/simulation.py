@@ -4,6 +4,7 @@ import numpy as np
 
 from dualnav_lite import streams
 from dualnav_lite.config import Config
+from dualnav_lite.geometry import to_robot, to_world
 from dualnav_lite.kernels.clearance import hull_clearance
 from dualnav_lite.kernels.scene import place_movers, read_field, renew_phantoms
 from dualnav_lite.layout import Layout, generate
@@ -217,7 +218,8 @@ class Simulation:
         iy, ix = np.unravel_index(np.argmin(distance), distance.shape)
         pose = np.array([x[iy, ix], y[iy, ix], heading])
         # Where the robot is carried, its odometry is carried along: the person who moves it sets it right.
-        self.robots.pose_odom[world, :2] += pose[:2] - self.poses[world, :2]
+        carried = to_robot(pose[:2], self.poses[world])
+        self.robots.pose_odom[world, :2] = to_world(carried, self.robots.pose_odom[world])
         self.worlds[world].place_robot(pose)
         self.poses[world] = pose
         self.robots.stop(world)
