@@ -48,7 +48,7 @@ def traffic(quick: bool, save) -> pd.DataFrame:
 
 
 def fleet(quick: bool, save) -> pd.DataFrame:
-    """Two to four robots with the shipped policy, the cross-agent term at 0, 0.1, 0.3 and 1.0 (2 minutes of CPU)."""
+    """Two to four robots with the shipped policy, the cross-agent term at 0, 0.1, 0.3 and 1.0 (a minute of CPU)."""
     from dualnav_lite.fleet_drive import fleet_table
 
     return fleet_table((2,), (0.0, 0.3), 2, on_row=save) if quick else fleet_table(on_row=save)

@@ -143,7 +143,7 @@ def row_of(scenario: Scenario, arm: str, weight: float, runs: list[dict]) -> dic
 def fleet_table(
     robots: Sequence[int] = (2, 3, 4),
     weights: Sequence[float] = WEIGHTS,
-    runs: int = 30,
+    runs: int = 20,
     arm: str = "ppo",
     seed_base: int = SEEDS["test"].start,
     on_row: Callable[[pd.DataFrame], None] = lambda table: None,

@@ -22,7 +22,7 @@ from dualnav_lite.scenario import load_scenario
 from dualnav_lite.survival import survived
 
 WORLDS, LENGTH = 16, 64  # side by side; steps of each between updates
-STEPS = {"parking": 80_000, "traffic": 80_000}
+STEPS = {"parking": 80_000, "traffic": 60_000}
 # Vectors of 14 and 32 numbers learn ten times faster than images, so rates and epochs are higher than for the robot.
 SETTINGS = PPO(
     learning_rate_actor=3e-3, learning_rate_critic=3e-3, epochs=10, minibatch=256, micro_batch=256, clip_range=0.2,
