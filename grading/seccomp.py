@@ -46,8 +46,9 @@ PRETENDED_WITHOUT_MOUNTS = {
     "chmod": 90, "fchmod": 91, "chown": 92, "fchown": 93, "lchown": 94, "utime": 132, "utimes": 235, "fchownat": 260,
     "futimesat": 261, "fchmodat": 268, "utimensat": 280, "chdir": 80, "fchdir": 81, "setpgid": 109, "setsid": 112,
 }  # fmt: skip
-SOCKET, CLONE, IOCTL, PRLIMIT, PERSONALITY, SOCKETPAIR, CONNECT = 41, 56, 16, 302, 135, 53, 42
+SOCKET, CLONE, IOCTL, PRLIMIT, PERSONALITY, SOCKETPAIR, CONNECT, BIND = 41, 56, 16, 302, 135, 53, 42, 49
 LONGEST_ADDRESS = 2 + 3 + 1  # family, a name of three characters in the working folder, NUL
+LONGEST_OWN = 12  # of an address to listen at: libzmq asks for interfaces at one of that length
 NOT_A_STREAM = 0b1110  # bits of a socket's kind that SOCK_STREAM has not
 NEWEST_OLD = 424  # the numbers after it were given out since Linux 5.2; only these are let through
 NEWER_ALLOWED = {"pidfd_open": 434, "close_range": 436, "openat2": 437, "faccessat2": 439, "epoll_pwait2": 441,
@@ -111,7 +112,7 @@ def program(mounts: bool = True) -> bytes:
         p.jump(EQUAL, call, yes=name)
     p.jump(EQUAL, PERSONALITY, yes="personality")
     if not mounts:
-        for call, name in ((SOCKETPAIR, "kind"), (CONNECT, "address")):
+        for call, name in ((SOCKETPAIR, "kind"), (CONNECT, "address"), (BIND, "own")):
             p.jump(EQUAL, call, yes=name)
     p.jump(AT_LEAST, NEWEST_OLD + 1, yes="newer")
     for number in sorted((DENIED if mounts else DENIED | DENIED_WITHOUT_MOUNTS).values()):
@@ -136,6 +137,9 @@ def program(mounts: bool = True) -> bytes:
         p.label("address")
         p.load(_argument(2))
         p.jump(AT_LEAST, LONGEST_ADDRESS + 1, yes="eperm", no="allow")
+        p.label("own")
+        p.load(_argument(2))
+        p.jump(AT_LEAST, LONGEST_OWN + 1, yes="eperm", no="allow")
     p.label("clone")
     p.load(_argument(0))
     p.jump(ANY_BIT, NEW_NAMESPACES, yes="eperm", no="allow")
