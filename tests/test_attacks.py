@@ -85,6 +85,15 @@ def test_all_attacks_end_as_they_should():
 
 
 @pytest.mark.slow
+def test_whoever_takes_too_much_harms_nobody_who_is_graded_beside_him():
+    works("A")
+    names = ("fork_bomb", "hidden_files", "memory_bomb_thirty", "network", "output_flood", "patched_numpy")
+    endings, wrong = run_all([TABLE[name] for name in names], "A", jobs=2)
+    assert {one.attack.name: one.found for one in endings if not one.right} == {}
+    assert wrong == []
+
+
+@pytest.mark.slow
 def test_all_attacks_that_a_tier_matters_for_end_as_they_should_in_tier_b():
     works("B")
     endings, wrong = run_all([one for one in TABLE.values() if one.group in ("resources", "doors")], "B")

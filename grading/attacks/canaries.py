@@ -10,6 +10,7 @@ import socket
 import subprocess
 import tempfile
 import threading
+import time
 from pathlib import Path
 from typing import cast
 
@@ -30,6 +31,7 @@ class Canaries:
         self._selector = selectors.DefaultSelector()
 
     def __enter__(self) -> "Canaries":
+        self._children = _children()
         ctypes.CDLL(None).prctl(CHILD_SUBREAPER, 1, 0, 0, 0)  # what a sandbox leaves running becomes our child
         folder = Path(tempfile.mkdtemp(prefix="dualnav-canaries-"))
         self._stack.callback(shutil.rmtree, folder, ignore_errors=True)
@@ -83,6 +85,10 @@ class Canaries:
 
     def __exit__(self, *_) -> None:
         self._stack.close()
+        ctypes.CDLL(None).prctl(CHILD_SUBREAPER, 0, 0, 0, 0)
+        for pid in _children() - self._children:  # adopted and ended
+            with contextlib.suppress(OSError):
+                os.waitpid(pid, os.WNOHANG)
 
     def _listen(self, name: str, family: int, kind: int, address) -> int:
         """A socket that notes who comes; its port where it has one."""
@@ -127,14 +133,21 @@ class Canaries:
         found["left"] = [str(path) for path in places if path.exists()]
         return found
 
+    def _left_running(self, seconds: float = 10.0) -> list[int]:
+        """Processes that live on although their sandbox has been closed; dying may take a moment."""
+        deadline = time.monotonic() + seconds
+        while True:
+            left = [pid for pid in sorted(_children() - self._children - {self._process.pid}) if _runs(pid)]
+            if not left or time.monotonic() > deadline:
+                return left
+            time.sleep(0.05)
+
     def touched(self) -> list[str]:
         """What was reached; empty where nothing was."""
         now = self._state()
         found = [name for name in now if now[name] != self._before[name] and not _is_same_state(name, now[name])]
         found += sorted({f"socket {name}" for name in self._heard})
-        for thread in os.listdir("/proc/self/task"):
-            with contextlib.suppress(OSError), open(f"/proc/self/task/{thread}/children", encoding="utf-8") as file:
-                found += [f"left running: {pid}" for pid in file.read().split() if _runs(int(pid), self._process.pid)]
+        found += [f"left running: {pid}" for pid in self._left_running()]
         for path in self._out.rglob("*"):
             if path.is_file() and (b"LEAKED" in (content := path.read_bytes()) or b"<script>" in content):
                 found.append(f"told in {path.name}")
@@ -146,8 +159,17 @@ def _is_same_state(name: str, value) -> bool:
     return name == "process" and value in "SDR"
 
 
-def _runs(pid: int, own: int) -> bool:
-    """Whether a child other than the canary is alive."""
+def _children() -> set[int]:
+    """Processes whose parent we are, also by adoption."""
+    found: set[int] = set()
+    for thread in os.listdir("/proc/self/task"):
+        with contextlib.suppress(OSError), open(f"/proc/self/task/{thread}/children", encoding="utf-8") as file:
+            found.update(int(pid) for pid in file.read().split())
+    return found
+
+
+def _runs(pid: int) -> bool:
+    """Whether a process is alive."""
     with contextlib.suppress(OSError), open(f"/proc/{pid}/stat", encoding="utf-8") as file:
-        return pid != own and file.read().rpartition(")")[2].split()[0] != "Z"
+        return file.read().rpartition(")")[2].split()[0] != "Z"
     return False

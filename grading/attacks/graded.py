@@ -61,13 +61,14 @@ def is_inert(table: bytes) -> bool:
     return not any(cell.startswith(FORMULA) or not cell.isprintable() for cell in cells)
 
 
-def run_all(attacks: list[Attack], tier: str, say=lambda text: None) -> tuple[list[Ending], list[str]]:
+def run_all(attacks: list[Attack], tier: str, say=lambda text: None, jobs: int = 1) -> tuple[list[Ending], list[str]]:
     """Endings in the order of the attacks, and what else is wrong: canaries reached, work lost, a table that computes.
 
     Args:
         attacks: of the table.
         tier: from `choose_tier`.
         say: called with lines about the progress.
+        jobs: sandboxes side by side.
     """
     notebook = NOTEBOOKS / f"{LESSON}.ipynb"
     with tempfile.TemporaryDirectory(prefix="dualnav-attacks-") as place:
@@ -77,7 +78,7 @@ def run_all(attacks: list[Attack], tier: str, say=lambda text: None) -> tuple[li
             (room / "honest").mkdir()
             (room / "honest" / notebook.name).write_bytes(notebook.read_bytes())
             with prepared(attacked_rubric(), Secret(b"attack" * 8, "attacks"), tier, LIMITS) as prepared_room:
-                rows, lost = grade_class(room, out, prepared_room, say=say)
+                rows, lost = grade_class(room, out, prepared_room, jobs=jobs, say=say)
             wrong = canaries.touched()
             if lost:
                 wrong.append(f"{lost} submissions were lost")
