@@ -107,7 +107,7 @@ table = way_table()
 middle, headings = table.shape[0] // 2, table.shape[2]
 figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), sharey=True)
 for axis, k in zip(axes, (0, headings // 4, headings // 2), strict=True):
-    picture = axis.imshow(table[..., k].T, origin="lower", extent=(-36, 36, -36, 36), cmap="viridis", vmax=60)
+    picture = axis.imshow(table[..., k].T, origin="lower", extent=(-36, 36, -36, 36), cmap="viridis", vmin=0, vmax=60)
     angle = 2 * np.pi * k / headings
     axis.arrow(-20, 10, 6 * np.cos(angle), 6 * np.sin(angle), color=RED, width=0.8)
     axis.set(title=f"heading {np.degrees(angle):.0f}°", xlabel="x [m]", xlim=(-30, 30), ylim=(-30, 30))
