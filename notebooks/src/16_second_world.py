@@ -208,8 +208,9 @@ axis.legend()
 plt.show()
 
 # %% [markdown]
-# The bars are 95 % intervals over journeys, of one training with one seed: another seed may differ by more. The tables in
-# `stress_tests/reference/beyond` are made by `python kit.py beyond parking` and `python kit.py beyond traffic`. The grey point is a planner of ten lines that keeps its
+# The bars are 95 % intervals over journeys, of one training with one seed: another seed may differ by more. **Do the three
+# points lie apart by more than their bars?** If not, this training was too short for the preference to be told. The same
+# tables with more to read: `python kit.py beyond parking` and `python kit.py beyond traffic`. The grey point is a planner of ten lines that keeps its
 # lane and its distance.
 #
 # What this lesson shows: the learner and the judgement carry over, unchanged. What it does not show: that a policy does.
