@@ -69,7 +69,7 @@ def run_workers(room: Room, todo: list[tuple[Submission, Path]], jobs: int, say)
                 try:
                     answer = pipe.recv()
                     idle.append((pipe, process))
-                except EOFError:
+                except (EOFError, OSError):
                     process.join()
                     answer = "died"
                 if answer == "died" and not second:

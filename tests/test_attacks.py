@@ -141,6 +141,7 @@ def attacks_of_a_normal_user(tier: str, names: tuple[str, ...], home: Path) -> d
     return json.loads(done.stdout)
 
 
+@pytest.mark.slow
 def test_a_normal_user_has_a_sandbox_as_well(tmp_path):
     told = attacks_of_a_normal_user("A", ("kernel_calls",), tmp_path)
     assert told["wrong"] == []

@@ -63,8 +63,9 @@ class Canaries:
         self._selector.register(self._ends, selectors.EVENT_READ, "end")
         listener = threading.Thread(target=self._hear, daemon=True)
         listener.start()
-        self._stack.callback(listener.join)
         self._stack.callback(os.close, end)
+        self._stack.callback(listener.join, 10)
+        self._stack.callback(os.write, end, b"x")  # closing tells nothing while a worker holds a copy
         self.places = {
             "FILE": str(self._open),
             "FOLDER": str(self._shared),
