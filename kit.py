@@ -19,9 +19,10 @@ usage: python kit.py COMMAND [options]        python kit.py COMMAND --help
   bench       speed, with the peers of requirements-bench.txt in the same run
   figures     all figures
   notebooks   rebuild the notebooks from their sources; --check; --take-back NN
-  release     the student version of the kit, in a new folder
+  release     the student version of the kit, in a new folder; --check does the dry run of the grading first
   status      which exercises pass, and whose part is used for each
   submit      a student's own check and pack: the folder that is handed in
+  grade       submissions to tables, sandboxed (Linux): docs/INSTRUCTORS.md
   doctor      what works on this machine
   warm        compile the kernels now
 
@@ -55,6 +56,7 @@ SIMULATES = (
     "publish",
     "bench",
     "figures",
+    "grade",
 )
 COMMANDS = SIMULATES + ("claims", "card", "notebooks", "release", "status", "submit", "doctor", "warm")
 
@@ -182,6 +184,11 @@ def command_line(python, command, options):
     if command == "test":
         everything = ["-m", ""] if "--slow" in options else []  # the default, in pyproject.toml, is "not slow"
         return [python, "-m", "pytest"] + everything + [option for option in options if option != "--slow"], ROOT
+    if command == "grade":
+        return [python, "-m", "grading", "grade"] + options, os.getcwd()
+    if command == "release" and "--check" in options:
+        others = [option for option in options if option != "--check"]
+        return [python, "-m", "grading", "release"] + others, os.getcwd()
     return [python, "-m", "dualnav_lite", command] + options, os.getcwd()
 
 
@@ -207,10 +214,13 @@ def main(arguments):
     command, options = arguments[0], arguments[1:]
     if command not in COMMANDS:
         stop("unknown command '%s'; known: %s" % (command, ", ".join(COMMANDS)), 2)
+    is_graders = command == "grade" or (command == "release" and "--check" in options)
+    if is_graders and not os.path.isdir(os.path.join(ROOT, "grading")):
+        stop("grading stays with the teacher: it is not in the student version", 2)
     in_environment = sys.prefix != sys.base_prefix
     python = sys.executable if in_environment and not unmet() else own_environment()
     variables = settings()
-    if command in SIMULATES + ("warm",) and "--help" not in options:
+    if (command in SIMULATES + ("warm",) or is_graders) and "--help" not in options:
         warm(python, variables)
         if command == "warm":
             say("the kernels are compiled")

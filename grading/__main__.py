@@ -1,7 +1,6 @@
 """The commands: `python -m grading --help`. Exit codes: 0 done, 1 something stayed ungraded, 2 unusable input."""
 
 import sys
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -13,26 +12,10 @@ app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_mar
 Key = Annotated[Path | None, typer.Option(help="Key file of the hidden seeds; `python -m grading key` makes one.")]
 Out = Annotated[Path, typer.Option(help="Folder of results and tables.")]
 RubricFile = Annotated[Path | None, typer.Option(help="In place of grading/rubric.yaml.")]
+Tier = Annotated[str, typer.Option(help="A or B; the best that works if empty.")]
 Overrides = Annotated[Path | None, typer.Option(help="CSV: student_id,exercise,points,reason.")]
 Times = Annotated[Path | None, typer.Option(help="CSV: student_id,submitted (ISO time); with --due.")]
 Due = Annotated[str, typer.Option(help="When the work was due, ISO time; later costs what the rubric says.")]
-
-
-def _late(times: Path | None, due: str, rubric) -> dict[str, float]:
-    """Share of the points that delay costs, by student."""
-    from grading.tables import read_csv
-
-    if bool(times) != bool(due):
-        raise UnusableInput("--times and --due go together")
-    found = {}
-    for k, row in enumerate(read_csv(times, ("student_id", "submitted")) if times else [], 2):
-        try:
-            seconds = (datetime.fromisoformat(row["submitted"]) - datetime.fromisoformat(due)).total_seconds()
-        except (ValueError, TypeError):
-            raise UnusableInput(f"line {k} of the times, or --due: no ISO time, or a zone in one alone") from None
-        days = max(0, -int(-seconds // 86400))
-        found[row["student_id"]] = min(rubric.late.most, days * rubric.late.per_day)
-    return found
 
 
 @app.command()
@@ -46,7 +29,7 @@ def key(file: Annotated[Path, typer.Argument(help="A new file, outside the cours
 
 
 @app.command()
-def probe(tier: Annotated[str, typer.Option(help="A or B; the best that works if empty.")] = "") -> int:
+def probe(tier: Tier = "") -> int:
     """Try what a sandbox must deny here, and say what holds."""
     from grading.job import SandboxError
     from grading.probe import leaks
@@ -72,7 +55,7 @@ def grade(
     jobs: Annotated[int, typer.Option(min=1, help="Sandboxes side by side.")] = 1,
     shard: Annotated[str, typer.Option(help="k/n: every n-th submission from the k-th; `merge` joins them.")] = "1/1",
     only: Annotated[str, typer.Option(help="Grade this student again, and nobody else.")] = "",
-    tier: Annotated[str, typer.Option(help="A or B; the best that works if empty.")] = "",
+    tier: Tier = "",
     rubric: RubricFile = None,
     overrides: Overrides = None,
     times: Times = None,
@@ -82,6 +65,7 @@ def grade(
     """Grade submissions in sandboxes; the same command goes on where it was stopped."""
     from grading.grade import grade_class
     from grading.job import Limits
+    from grading.late import late_shares
     from grading.room import PACKAGE, prepared
     from grading.rubric import RUBRIC, load_rubric
     from grading.secret import load_secret
@@ -104,7 +88,7 @@ def grade(
     if not 1 <= index <= count:
         raise UnusableInput(f"a shard reads k/n, such as 2/8; got '{shard}'")
     changed = read_overrides(overrides, rules)
-    late = _late(times, due, rules)
+    late = late_shares(times, due, rules.late)
     with prepared(rules, secret, chosen, Limits()) as room:
         rows, lost = grade_class(
             folder, out, room, jobs=jobs, shard=(index, count), only=only, overrides=changed, late=late
@@ -127,13 +111,86 @@ def merge(
 ) -> int:
     """Join the tables of shards."""
     from grading.grade import merge as join
+    from grading.late import late_shares
     from grading.rubric import RUBRIC, load_rubric
     from grading.tables import read_overrides
 
     rules = load_rubric(rubric or RUBRIC)
-    rows = join(folders, out, rules, read_overrides(overrides, rules), _late(times, due, rules))
+    rows = join(folders, out, rules, read_overrides(overrides, rules), late_shares(times, due, rules.late))
     print(f"{len({row['student_id'] for row in rows})} submissions: {out}")
     return 0
+
+
+@app.command()
+def export(
+    system: Annotated[str, typer.Argument(help="moodle, canvas, gradescope or nbgrader.")],
+    template: Annotated[Path | None, typer.Argument(help="The table exported there; Gradescope needs none.")] = None,
+    grades: Annotated[Path, typer.Option(help="Folder that `grade` wrote.")] = Path("grades"),
+    column: Annotated[str, typer.Option(help="Column that takes the points, where the name is yours.")] = "",
+    lang: Annotated[str, typer.Option(help="en or zh, of Gradescope's lines.")] = "en",
+) -> int:
+    """Points into a table exported from the course's system: joined by id, everything else kept."""
+    from grading.feedback import WORDS, line_of
+    from grading.lms import fill, gradescope_results, read_rows, results_json, totals
+    from grading.store import write_whole
+
+    rows = read_rows(grades)
+    if lang not in WORDS:
+        raise UnusableInput(f"unknown language '{lang}'; known: {', '.join(WORDS)}")
+    if template is None:
+        if system != "gradescope":
+            raise UnusableInput(f"{system} needs a template: the table exported there")
+        found = gradescope_results(rows, lambda row: line_of(row, lang))
+        for student, result in found.items():
+            write_whole(grades / "gradescope" / student / "results.json", results_json(result))
+        print(f"{len(found)} results.json: {grades / 'gradescope'}")
+        return 0
+    try:
+        content = template.read_bytes()
+    except OSError as error:
+        raise UnusableInput(f"{template}: cannot be read: {error.strerror}") from None
+    filled, missing = fill(system, content, totals(rows), column)
+    write_whole(grades / f"{system}.csv", filled)
+    print(f"filled: {grades / f'{system}.csv'}")
+    if missing:
+        print(f"{len(missing)} graded students stand in no row of the template", file=sys.stderr)
+    return 1 if missing else 0
+
+
+@app.command()
+def release(
+    out: Annotated[
+        Path | None, typer.Argument(help="A new folder for the student version; none is kept if empty.")
+    ] = None,
+    key: Key = None,
+    tier: Tier = "",
+    rubric: RubricFile = None,
+) -> int:
+    """The dry run: reference, mutants, policies, attacks; then the student version, looked through for solutions."""
+    import tempfile
+
+    from dualnav_lite import course
+    from dualnav_lite.exercises import stub
+    from grading.dry_run import dry_run
+    from grading.job import Limits
+    from grading.left_behind import left_behind
+    from grading.room import NOTEBOOKS, prepared
+    from grading.rubric import RUBRIC, load_rubric
+    from grading.secret import Secret, load_secret
+    from grading.tiers import choose_tier
+
+    rules = load_rubric(rubric or RUBRIC)
+    secret = load_secret(key, rules.assignment) if key else Secret(b"of the dry run alone".ljust(32), rules.assignment)
+    with prepared(rules, secret, choose_tier(wanted=tier), Limits()) as room:
+        problems = dry_run(room)
+    with tempfile.TemporaryDirectory(prefix="dualnav-release-") as folder:
+        made = course.release(out or Path(folder) / "course")
+        problems += left_behind(made, NOTEBOOKS, stub, key.read_bytes() if key else b"")
+        print("student version: looked through" + (f"; it is in {out}" if out else ""))
+    for problem in problems:
+        print(f"FAILS: {problem}")
+    print("nothing stands against it" if not problems else f"{len(problems)} things stand against it")
+    return 1 if problems else 0
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -10,13 +10,14 @@ from pathlib import Path
 from dualnav_lite.config import UnusableInput
 from grading import __version__
 from grading.crew import run_workers
+from grading.feedback import page, zipped
 from grading.intake import Submission, take_in
 from grading.lesson import Outcome
 from grading.room import Room
 from grading.rubric import Rubric
 from grading.self_check import self_check
 from grading.store import locked, read_result, result_path, sweep, to_json, write_whole
-from grading.tables import COLUMNS, rows_of, to_csv
+from grading.tables import COLUMNS, policy_tables, rows_of, to_csv
 
 
 def grade_class(
@@ -52,7 +53,8 @@ def grade_class(
     with locked(out):
         if only:
             paths[only].unlink(missing_ok=True)
-        todo = [(one, paths[one.student_id]) for one in submissions if read_result(paths[one.student_id]) is None]
+        missing = [one for one in submissions if read_result(paths[one.student_id]) is None]
+        todo = [(one, paths[one.student_id]) for one in missing if not only or one.student_id == only]
         todo.sort(key=lambda task: task[1].with_suffix(".attempt").exists())  # in flight when we were killed: last
         if todo:
             self_check(room)
@@ -88,14 +90,30 @@ def _result_or_ungraded(room: Room, submission: Submission, path: Path) -> dict:
 
 
 def write_tables(out: Path, results: list[dict], rubric: Rubric, overrides, late, tier: str) -> list[dict]:
-    """`grades.csv` (with UNSANDBOXED in its name where nothing protected us) and `grade_times.csv`."""
+    """`grades.csv` (with UNSANDBOXED in its name where nothing protected us), what stands beside it, and feedback."""
     rows = rows_of(results, rubric, overrides, late)
-    name = "grades.UNSANDBOXED.csv" if tier == "UNSANDBOXED" else "grades.csv"
-    write_whole(out / name, to_csv(COLUMNS, rows))
+    mark = ".UNSANDBOXED" if tier == "UNSANDBOXED" else ""
+    write_whole(out / f"grades{mark}.csv", to_csv(COLUMNS, rows))
+    if rubric.policy:
+        for name, (columns, lines) in policy_tables(results).items():
+            write_whole(out / f"{name}{mark}.csv", to_csv(columns, lines))
     times = [found for path in sorted((out / "results").glob("*.times")) if (found := read_result(path))]
     times.sort(key=lambda one: (one["student_id"], one["started"]))
     write_whole(out / "grade_times.csv", to_csv(("student_id", "started", "seconds"), times))
+    write_feedback(out, results, rows, rubric, late)
     return rows
+
+
+def write_feedback(out: Path, results: list[dict], rows: list[dict], rubric: Rubric, late: dict[str, float]) -> None:
+    """`feedback/<folder>/feedback.html` of each student, and all of them as the zip that Moodle takes back."""
+    margin, pages = rubric.policy.survival.margin if rubric.policy else 0.0, {}
+    for one in results:
+        student = one["student_id"]
+        own = [row for row in rows if row["student_id"] == student]
+        content = page(one, own, rubric.language, margin, late.get(student, 0.0))
+        pages[one["folder"] or student] = content
+        write_whole(out / "feedback" / (one["folder"] or student) / "feedback.html", content)
+    write_whole(out / "feedback.zip", zipped(pages))
 
 
 def merge(folders: list[Path], out: Path, rubric: Rubric, overrides, late) -> list[dict]:

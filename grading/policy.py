@@ -137,9 +137,11 @@ def judge_survival(drives: Drives, policy: Policy) -> tuple[Outcome, list[dict]]
     return Outcome(passed / len(table), status, reason, "policy:student", detail), table
 
 
-def judge_hypervolume(drives: Drives, policy: Policy) -> Outcome:
-    """Outcome of `hypervolume`; its detail holds a point a preference."""
+def judge_hypervolume(drives: Drives, policy: Policy, table: list[dict]) -> Outcome:
+    """Outcome of `hypervolume`; its detail holds a point a preference. Who fails the scenario need not drive on."""
     rule = policy.hypervolume
+    if any(line["scenario"] == rule.scenario and line["decision"] == survival.FAILED for line in table):
+        return Outcome(0.0, "failed", "survives_too_rarely", "policy:student")
     found = [(p, *hypervolume.point(drives.rows(rule.scenario, p, rule.seeds))) for p in rule.preferences]
     share = hypervolume.share([(safe, energy) for _, safe, energy in found], rule)
     points = [
@@ -171,9 +173,10 @@ def grade_policy(setting: Setting, policy: Policy, weights: bytes) -> dict[str, 
             connection, _ = sandbox.accept(setting.limits.start_s, MOST_REPLY)
             planner = RemotePolicy(wire.Caller(connection), policy.seconds, lambda: sandbox.killed_for)
             drives = Drives(planner, setting.secret.seeds)
-            outcomes = {"survival": judge_survival(drives, policy)[0]}
+            outcome, table = judge_survival(drives, policy)
+            outcomes = {"survival": outcome}
             if policy.hypervolume:
-                outcomes["hypervolume"] = judge_hypervolume(drives, policy)
+                outcomes["hypervolume"] = judge_hypervolume(drives, policy, table)
             return outcomes
     except PolicyEnded as end:
         return all_of(end.outcome)

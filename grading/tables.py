@@ -23,6 +23,21 @@ COLUMNS = (
     "grader_version",
 )
 # Also in full width, which a spreadsheet that is set to Chinese or Japanese takes for the same.
+SURVIVAL = (
+    "student_id",
+    "scenario",
+    "episodes",
+    "survived",
+    "low",
+    "high",
+    "threshold",
+    "decision",
+    "collisions",
+    "timeouts",
+    "flat_batteries",
+    "errors",
+)
+PARETO = ("student_id", "scenario", "preference", "episodes", "safe_dist_m", "energy_j_per_goal")
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 
 
@@ -121,6 +136,17 @@ def rows_of(results: list[dict], rubric: Rubric, overrides: dict, late: dict[str
                 }
             )
     return rows
+
+
+def policy_tables(results: list[dict]) -> dict[str, tuple[tuple[str, ...], list[dict]]]:
+    """Columns and rows of `survival.csv` and `pareto.csv`."""
+    found: dict[str, tuple[tuple[str, ...], list[dict]]] = {"survival": (SURVIVAL, []), "pareto": (PARETO, [])}
+    for one in sorted(results, key=lambda result: result["student_id"]):
+        for exercise, name in (("survival", "survival"), ("hypervolume", "pareto")):
+            for line in one["outcomes"].get(exercise, {}).get("detail", {}).get(name, []):
+                cells = {key: "" if value is None else value for key, value in line.items()}
+                found[name][1].append({"student_id": one["student_id"]} | cells)
+    return found
 
 
 def read_overrides(path: Path | None, rubric: Rubric) -> dict[tuple[str, str], tuple[float, str]]:

@@ -74,7 +74,7 @@ def test_the_shipped_policy_drives_through_plain_arrays_alone(file):
     outcome, table = judge_survival(drives, policy)
     assert (outcome.status, table[0]["survived"], table[0]["episodes"]) == ("passed", 3, 3)
     if file.endswith("onnx"):
-        found = judge_hypervolume(drives, policy)
+        found = judge_hypervolume(drives, policy, table)
         assert 0.2 < found.detail["share_of_box"] < 1.0
         assert not any(seed in str(found) + str(outcome) for seed in map(str, drives.seeds_of("navigation", 3)))
 
@@ -82,9 +82,11 @@ def test_the_shipped_policy_drives_through_plain_arrays_alone(file):
 def test_standing_still_passes_nothing():
     planner = RemotePolicy(asks(lambda given: ("", {"actions": np.zeros((len(given["worlds"]), 2))})), 60.0)
     drives = Drives(planner, Secret(b"k" * 32, "course").seeds)
-    outcome, table = judge_survival(drives, Policy(survival=RULE.model_copy(update={"first": 6, "most": 6})))
+    policy = Policy(survival=RULE.model_copy(update={"first": 6, "most": 6}), hypervolume=BOX)
+    outcome, table = judge_survival(drives, policy)
     assert (outcome.share, outcome.status, outcome.reason) == (0.0, "failed", "survives_too_rarely")
     assert table[0]["timeouts"] == 6
+    assert judge_hypervolume(drives, policy, table).reason == "survives_too_rarely"
 
 
 def _raises(problem):

@@ -7,14 +7,14 @@ from grading.tasks import Question
 
 
 def questions(rng: np.random.Generator) -> list[Question]:
-    """One step, the recursion, a terminated step, a truncated one, terms side by side."""
+    """One step, the recursion, a terminated step, a truncated one, many worlds with both."""
 
-    def ask(hint, share, gae_lambda, ends=(), terms=(), steps=12):
-        shape = (steps, 3, *terms)
+    def ask(hint, share, gae_lambda, ends=(), worlds=3, steps=12):
+        shape = (steps, worlds)
         rewards, values, next_values = (rng.normal(size=shape) for _ in range(3))
-        flags = {name: np.zeros((steps, 3), bool) for name in ("terminated", "truncated")}
+        flags = {name: np.zeros(shape, bool) for name in ("terminated", "truncated")}
         for name in ends:  # in the middle of each world, so that what leaks over an end is seen
-            for world in range(3):
+            for world in range(worlds):
                 flags[name][rng.integers(2, steps - 3) + 2 * (name == "truncated"), world] = True
         gamma = float(rng.uniform(0.9, 0.99))
         arrays = {"rewards": rewards, "values": values, "next_values": next_values, **flags}
@@ -29,5 +29,5 @@ def questions(rng: np.random.Generator) -> list[Question]:
         ask("later_errors_count_less", 0.2, some),
         ask("terminated_has_no_future", 0.2, some, ["terminated"]),
         ask("truncated_keeps_its_value_and_ends", 0.2, some, ["truncated"]),
-        ask("terms_side_by_side", 0.2, some, ["terminated", "truncated"], terms=(5,)),
+        ask("each_world_for_itself", 0.2, some, ["terminated", "truncated"], worlds=7, steps=30),
     ]

@@ -1,0 +1,178 @@
+"""What leaves the grader: feedback that runs nothing and tells nothing hidden, tables of other systems, late work."""
+
+import csv
+import html.parser
+import io
+import re
+import zipfile
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dualnav_lite import course
+from dualnav_lite.config import UnusableInput
+from dualnav_lite.exercises import stub
+from grading.feedback import REASONS, page, reason_text, reasons, zipped
+from grading.grade import write_tables
+from grading.late import late_shares
+from grading.left_behind import left_behind
+from grading.lesson import Outcome
+from grading.lms import fill, gradescope_results, totals
+from grading.room import NOTEBOOKS
+from grading.rubric import Late, load_rubric
+from grading.tables import rows_of
+from grading.tasks import questions_of
+
+EVIL = "<script>alert(1)</script>"
+
+
+def a_result(student: str, **outcomes) -> dict:
+    """A result file's content; what is not named got everything."""
+    found = {name: Outcome(1.0, "passed", "", f"{name}:student") for name in load_rubric().points()} | outcomes
+    return {
+        "assignment": "course",
+        "student_id": student,
+        "folder": f"{student}_7_assignsubmission_file_",
+        "submission_sha256": "0",
+        "outcomes": {name: asdict(outcome) for name, outcome in found.items()},
+        "prints": {},
+        "library_prints": {},
+        "tier": "A",
+        "grader_version": "1",
+    }
+
+
+def rows_for(*results) -> list[dict]:
+    return rows_of(list(results), load_rubric(), {}, {})
+
+
+class Tags(html.parser.HTMLParser):
+    """Every tag of a page and every attribute name."""
+
+    def __init__(self, text: str):
+        super().__init__()
+        self.tags, self.attributes = set(), set()
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        self.attributes |= {name for name, _ in attrs}
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_page_runs_nothing_whatever_stands_in_it(language):
+    line = {"scenario": EVIL, "episodes": 20, "survived": 3, "low": 0.02, "high": 0.4, "threshold": 0.6}
+    line |= {"decision": "failed", "collisions": 17, "timeouts": 0, "flat_batteries": 0, "errors": 0}
+    result = a_result(
+        EVIL,
+        gae=Outcome(0.2, "partial", "terminated_has_no_future", "gae:student", {"right": 1, "asked": 5, "wrong": {}}),
+        goal=Outcome(0.0, "error", f"raised_{EVIL}", EVIL, {"right": 0, "asked": 1, "wrong": {EVIL: 1}}),
+        survival=Outcome(0.0, "failed", "survives_too_rarely", "policy:student", {"survival": [line]}),
+    )
+    text = page(result, rows_for(result), language, 0.1, 0.2).decode("utf-8")
+    found = Tags(text)
+    assert not found.tags & {"script", "img", "iframe", "object", "link", "form", "a", "svg"}
+    assert not any(name.startswith("on") or name in ("href", "src") for name in found.attributes)
+    assert "default-src &#x27;none&#x27;" in text
+    assert reason_text("terminated_has_no_future", language) in text
+
+
+def test_every_reason_of_a_scorer_is_told_in_both_languages():
+    hints = set()
+    for lesson in load_rubric().lessons.values():
+        for name in lesson.exercises:
+            for question in questions_of(name)(np.random.default_rng(0)):
+                hints |= {question.hint, *question.also.values()}
+    sources = "".join(path.read_text(encoding="utf-8") for path in REASONS.parent.glob("*.py"))
+    known = set(re.findall(r'Rejected\("(\w+)"\)|Unreadable\("(\w+)"\)|"\\0(\w+)"', sources))
+    codes = hints | {code for group in known for code in group if code}
+    assert codes <= set(reasons())
+    assert all(set(text) == {"en", "zh"} and all(text.values()) for text in reasons().values())
+    assert "KeyError" in reason_text("raised_KeyError", "zh")
+
+
+def test_the_feedback_zip_has_moodles_folders_and_the_same_bytes_each_time():
+    pages = {"张 三_7_assignsubmission_file_": b"b", "A_8_assignsubmission_file_": b"a"}
+    assert zipped(pages) == zipped(dict(reversed(pages.items())))
+    with zipfile.ZipFile(io.BytesIO(zipped(pages))) as archive:
+        assert archive.namelist() == [f"{name}/feedback.html" for name in sorted(pages)]
+
+
+TEMPLATES = {
+    "moodle": "Identifier,Full name,Grade,Maximum Grade\r\nParticipant 7,=1+1,,25\r\nParticipant 8,B,,25\r\n",
+    "canvas": "Student,ID,SIS Login ID,HW (1)\nPoints Possible,,,25\nA,99,7,\nB,98,8,\n",
+    "gradescope": "First Name,SID,Total Score\nA,7,\nB,8,\n",
+    "nbgrader": "assignment,student_id,score\nc,7,\nc,8,\n",
+}
+
+
+@pytest.mark.parametrize("system", TEMPLATES)
+def test_points_go_into_the_row_of_their_student_and_nothing_else_changes(system):
+    points = totals(rows_for(a_result("7"), a_result("9")))
+    template = b"\xef\xbb\xbf" + TEMPLATES[system].encode("utf-8")
+    filled, missing = fill(system, template, points, "HW (1)" if system == "canvas" else "")
+    assert filled.startswith(b"\xef\xbb\xbf")
+    assert missing == ["9"]
+    before, after = (list(csv.reader(io.StringIO(one.decode("utf-8-sig")))) for one in (template, filled))
+    changed = [
+        (r, c, new) for r, row in enumerate(after) for c, new in enumerate(row) if new not in (before[r][c], "'=1+1")
+    ]
+    assert [new for _, _, new in changed] == ["25"]
+    with pytest.raises(UnusableInput):
+        fill(system, b"x,y\n1,2\n", points)
+
+
+def test_an_ungraded_student_gets_no_zero_anywhere():
+    nothing = a_result("7", gae=Outcome(0.0, "ungraded", "sandbox_failed"))
+    rows = rows_for(nothing, a_result("8"))
+    assert totals(rows) == {"8": "25"}
+    found = gradescope_results(rows, lambda row: row["status"])
+    assert len(found["8"]["tests"]) == len(found["7"]["tests"]) + 1
+
+
+def test_a_begun_day_of_delay_costs_a_day(tmp_path):
+    times = tmp_path / "times.csv"
+    lines = "a,2026-01-10T12:00\nb,2026-01-10T12:01\nc,2026-01-12T11:00\nd,2027-01-01T00:00\n"
+    times.write_text("student_id,submitted\n" + lines, encoding="utf-8")
+    found = late_shares(times, "2026-01-10T12:00", Late(per_day=0.1, most=0.5))
+    assert found == pytest.approx({"a": 0.0, "b": 0.1, "c": 0.2, "d": 0.5})
+    for due, more in (("soon", ""), ("2026-01-10T12:00", "a,2026-01-10T12:00\n"), ("", "")):
+        times.write_text("student_id,submitted\n" + lines + more, encoding="utf-8")
+        with pytest.raises(UnusableInput):
+            late_shares(times, due, Late())
+
+
+def test_what_should_stay_behind_is_found_in_a_student_version(tmp_path):
+    course.write_lessons(tmp_path / "notebooks")
+    assert left_behind(tmp_path, NOTEBOOKS, stub, b"k" * 64) == []
+    worked = (NOTEBOOKS / "07_rewards.ipynb").read_text(encoding="utf-8")
+    (tmp_path / "notebooks" / "07_rewards.ipynb").write_text(worked, encoding="utf-8")
+    (tmp_path / "tests").mkdir()
+    (tmp_path / "notes.txt").write_bytes(b"x" + b"k" * 64)
+    (tmp_path / "notebooks" / "09_rollout_and_gae.ipynb").unlink()
+    found = "\n".join(left_behind(tmp_path, NOTEBOOKS, stub, b"k" * 64))
+    for word in ("tests is in it", "cell safe holds a solution", "notes.txt holds the key", "09_rollout_and_gae"):
+        assert word in found
+
+
+def test_the_instructors_page_names_commands_that_exist():
+    text = (Path(REASONS).parent.parent / "docs" / "INSTRUCTORS.md").read_text(encoding="utf-8")
+    from grading.__main__ import app
+
+    known = {command.callback.__name__ for command in app.registered_commands}
+    assert set(re.findall(r"python -m grading (\w+)", text)) <= known
+
+
+def test_tables_and_feedback_are_written_whole_and_the_same_again(tmp_path):
+    line = {"scenario": "navigation", "preference": 0.5, "episodes": 2, "safe_dist_m": 0.2, "energy_j_per_goal": None}
+    detail = {"share_of_box": 0.1, "threshold": 0.2, "pareto": [line]}
+    slow = a_result("7", hypervolume=Outcome(0.0, "failed", "dominates_too_little", "policy:student", detail))
+    written = []
+    for name in ("one", "two"):
+        write_tables(tmp_path / name, [slow, a_result("8")], load_rubric(), {}, {}, "A")
+        files = [path for path in sorted((tmp_path / name).rglob("*")) if path.is_file()]
+        written.append({path.relative_to(tmp_path / name): path.read_bytes() for path in files})
+    assert written[0] == written[1]
+    assert len(written[0]) == 7
