@@ -176,7 +176,11 @@ def test_a_class_is_graded_as_its_work_deserves_and_resumed_without_grading_agai
     for name, text in works.items():
         (tmp_path / "class" / name).mkdir(parents=True)
         (tmp_path / "class" / name / LESSON.name).write_text(text, encoding="utf-8")
-    with prepared(load_rubric(), Secret(b"k" * 32, "course"), "A", Limits()) as room:
+    rubric = load_rubric()
+    rubric = rubric.model_copy(
+        update={"lessons": {"07_rewards": rubric.lessons["07_rewards"]}, "policy": None, "total": 11}
+    )
+    with prepared(rubric, Secret(b"k" * 32, "course"), "A", Limits()) as room:
         rows, lost = grade_class(tmp_path / "class", tmp_path / "out", room, say=lambda text: None)
         first = (tmp_path / "out" / "grades.csv").read_bytes()
         kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "results").iterdir()}
