@@ -149,10 +149,9 @@ def test_a_normal_user_has_a_sandbox_as_well(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("tier", "groups"), [("A", ("resources", "doors", "answers", "files")), ("B", ("doors",))])
-def test_all_attacks_of_a_normal_user_end_as_they_should(tier, groups, tmp_path):
-    names = tuple(name for name, one in TABLE.items() if one.group in groups)
-    told = attacks_of_a_normal_user(tier, names, tmp_path)
+def test_attacks_of_a_normal_user_that_leave_the_kernel_end_as_they_should(tmp_path):
+    names = tuple(name for name, one in TABLE.items() if one.group == "doors")
+    told = attacks_of_a_normal_user("A", names, tmp_path)
     assert {name: found for name, (right, found) in told["endings"].items() if not right} == {}
     assert told["wrong"] == []
     assert set(told["endings"]) == set(names)
