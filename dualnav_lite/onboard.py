@@ -53,6 +53,7 @@ class Motion:
 class Observation:
     """Image the policy sees."""
 
+    layout: str = {layout!r}
     intensity: bool = {intensity!r}
     motion: Motion = field(default_factory=Motion)
 '''
@@ -153,7 +154,8 @@ def build(folder: str | Path, scenario: str = "crowd_crossing", seed: int = 2_00
     for name in needed_modules():
         source = PACKAGE / f"{name.replace('.', '/')}.py"
         write_atomic(folder / "dualnav_lite" / source.relative_to(PACKAGE), source.read_bytes())
-    settings = STAND_IN.format(intensity=observation["intensity"], **observation["motion"])
+    layout = observation.get("layout", "image")  # older cards do not say
+    settings = STAND_IN.format(layout=layout, intensity=observation["intensity"], **observation["motion"])
     write_atomic(folder / "dualnav_lite" / "config.py", settings)
     for package in ("dualnav_lite", "dualnav_lite/kernels"):
         write_atomic(folder / package / "__init__.py", "")
