@@ -66,12 +66,12 @@ class Worlds(VecEnv):
         return [getattr(self._env, attr_name, None)] * self.num_envs
 
     def set_attr(self, attr_name, value, indices=None):
-        """Refused: worlds are made as they are."""
-        raise NotImplementedError
+        """Refused."""
+        raise TypeError(f"'{attr_name}' cannot be set: worlds are made as they are")
 
     def env_method(self, method_name, *args, indices=None, **kwargs):
-        """Refused: worlds have no methods of their own."""
-        raise NotImplementedError
+        """Refused."""
+        raise TypeError(f"'{method_name}' cannot be called: worlds have no methods of their own")
 
     def env_is_wrapped(self, wrapper_class, indices=None):
         """Nothing is wrapped."""

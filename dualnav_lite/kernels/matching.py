@@ -5,12 +5,11 @@ import math
 import numpy as np
 from numba import njit
 
-from dualnav_lite.kernels.grid import DOOR
+from dualnav_lite.kernels.grid import DOOR, WEAK
 from dualnav_lite.kernels.scan_noise import path_loss
 
 EVERY = 8  # beams between two that are matched: neighbours see the same cells
 FARTHEST_M = 6.0  # beyond, a beam's cells lie too far apart
-WEAK = 0.06  # as in `grid`: fainter returns, counted back to 1 m, are taken for ghosts
 TURN_RAD, SHIFT_M = 0.025, 0.05  # of the window, either way
 GAIN = 0.6  # share of the way to the best fit that a match moves the pose: one scan may be wrong, many are not
 LEAST_FIT = 0.35  # share of the beams that must fall on something solid

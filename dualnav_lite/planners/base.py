@@ -1,11 +1,13 @@
 """What every planner is: one command a world from what its info holds; and steering to a point."""
 
+from abc import ABC, abstractmethod
+
 import numpy as np
 
 from dualnav_lite.config import Config
 
 
-class Planner:
+class Planner(ABC):
     """A driver of n worlds, asked like a policy; subclasses say what they see and give `command`.
 
     Attributes:
@@ -19,7 +21,7 @@ class Planner:
         self.settings = settings
         self.max_v, self.max_omega = settings.hardware.max_lin_vel, settings.hardware.max_ang_vel
 
-    def reset(self, indices) -> None:
+    def reset(self, indices) -> None:  # noqa: B027 (most planners remember nothing)
         """Forget what is remembered about the worlds listed."""
 
     def act(self, observations, infos) -> np.ndarray:
@@ -39,9 +41,9 @@ class Planner:
         limits = [self.max_v, self.max_omega]
         return np.clip(actions, np.negative(limits), limits)
 
+    @abstractmethod
     def command(self, i: int, info: dict) -> tuple[float, float]:
         """v [m/s], omega [rad/s] of world i."""
-        raise NotImplementedError
 
     def turn_then_drive(self, point_robot, speed: float) -> tuple[float, float]:
         """Command that turns to a point in place and drives towards it once it lies ahead."""

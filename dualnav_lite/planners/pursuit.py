@@ -1,5 +1,7 @@
 """Pure pursuit of a planned path, with a stop for whatever the scan shows close ahead."""
 
+from abc import abstractmethod
+
 import numpy as np
 
 from dualnav_lite.config import Config
@@ -36,9 +38,9 @@ class Pursuit(Planner):
         super().__init__(settings)
         self.speed = self.max_v if max_speed is None else min(max_speed, self.max_v)
 
+    @abstractmethod
     def path(self, i: int, info: dict):
         """(p, 2) points of the path from the robot on, robot frame [m]."""
-        raise NotImplementedError
 
     def command(self, i, info):
         """Along the circle through the point ahead."""

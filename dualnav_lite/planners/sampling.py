@@ -1,5 +1,7 @@
 """Planners that roll out a grid of commands: the privileged ceiling and its twin that sees what the robot sees."""
 
+from abc import abstractmethod
+
 import numpy as np
 
 from dualnav_lite import routing
@@ -117,8 +119,9 @@ class SamplingPlanner(Planner):
         self._score(i, info, costs)
         return self._commands[costs.argmin()]
 
+    @abstractmethod
     def _score(self, i: int, info: dict, costs) -> None:
-        raise NotImplementedError
+        """Write the cost of each command of `grid` for world i."""
 
     def _roll(self, pose, twist, headings, goal, fields, grid, circles, boxes, costs) -> None:
         kernels.score_commands(
