@@ -6,9 +6,10 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import differential_evolution
 
+from dualnav_lite.chunks import Chunk
 from dualnav_lite.config import Config, UnusableInput, with_overrides
 from dualnav_lite.episodes import SEEDS
-from dualnav_lite.evaluate import Chunk, library_arm, library_env, run_episodes
+from dualnav_lite.evaluate import library_arm, library_env, run_episodes
 from dualnav_lite.measures import Options
 from dualnav_lite.pareto import goals_reached, hypervolume, on_front, reference_point, safe_distance
 from dualnav_lite.scenario import Scenario, load_scenario

@@ -3,11 +3,12 @@
 import numpy as np
 import pandas as pd
 
+from dualnav_lite.chunks import Chunk
 from dualnav_lite.config import Config
 from dualnav_lite.deploy import make_driver
 from dualnav_lite.encoder import BAND_EDGES, BANDS, EGO
 from dualnav_lite.env import split_infos
-from dualnav_lite.evaluate import Chunk, library_env, run_episodes
+from dualnav_lite.evaluate import library_env, run_episodes
 from dualnav_lite.measures import Options
 from dualnav_lite.metrics import bootstrap_rate
 from dualnav_lite.pareto import safe_distance

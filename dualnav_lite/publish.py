@@ -13,9 +13,10 @@ import pandas as pd
 
 from dualnav_lite import __version__
 from dualnav_lite.cases import all_cases
+from dualnav_lite.chunks import code_sha256, sha256
 from dualnav_lite.config import Config, UnusableInput, dump_config, write_atomic
 from dualnav_lite.episodes import SEEDS
-from dualnav_lite.evaluate import code_sha256, evaluate, library_arm, sha256
+from dualnav_lite.evaluate import evaluate, library_arm
 from dualnav_lite.notebooks import ROOT
 from dualnav_lite.reference import MADE_FROM, REFERENCE, ROWS
 

@@ -10,9 +10,10 @@ import numpy as np
 import pandas as pd
 
 from dualnav_lite.cases import all_cases, load_case
+from dualnav_lite.chunks import plan_chunks
 from dualnav_lite.config import Config, UnusableInput, with_overrides, write_atomic
 from dualnav_lite.env import DynamicNavVectorEnv, split_infos
-from dualnav_lite.evaluate import evaluate, library_arm, plan_chunks
+from dualnav_lite.evaluate import evaluate, library_arm
 from dualnav_lite.judge import judge_folder
 from dualnav_lite.notebooks import ROOT, run_notebook
 from dualnav_lite.planners import ARMS

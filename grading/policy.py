@@ -7,9 +7,10 @@ from time import monotonic
 
 import numpy as np
 
+from dualnav_lite.chunks import Chunk
 from dualnav_lite.config import Config, UnusableInput, with_overrides
 from dualnav_lite.episodes import OUTCOMES
-from dualnav_lite.evaluate import Chunk, library_env, run_episodes
+from dualnav_lite.evaluate import library_env, run_episodes
 from dualnav_lite.scenario import load_scenario
 from grading import wire
 from grading.lesson import MOST_REPLY, Outcome, Setting, cut_off, error_reason

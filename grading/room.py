@@ -10,8 +10,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import dualnav_lite
+from dualnav_lite.chunks import code_sha256
 from dualnav_lite.config import UnusableInput
-from dualnav_lite.evaluate import code_sha256
 from dualnav_lite.exercises import stub
 from grading.job import Limits
 from grading.lesson import Setting
