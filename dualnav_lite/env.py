@@ -13,7 +13,46 @@ from dualnav_lite.vector_env import DynamicNavVectorEnv
 __all__ = ["DynamicNavEnv", "DynamicNavVectorEnv", "split_infos"]
 
 
-class DynamicNavEnv(gymnasium.Env):
+class OneWorld(gymnasium.Env):
+    """One world of a vector environment without autoreset, behind Gymnasium's interface.
+
+    Args:
+        worlds: the vector environment, of one world.
+    """
+
+    def __init__(self, worlds):
+        self.worlds, self.config, self.render_mode = worlds, worlds.config, worlds.render_mode
+        self.action_space = worlds.single_action_space
+        self.observation_space = worlds.single_observation_space
+        self.reward_space = worlds.reward_space
+        self.episode_safe_dists: list[float] = []  # least clearance of each finished episode [m] (article 3.2)
+        self.episode_energy_costs: list[float] = []  # energy of each finished episode [J]
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
+        """Start an episode; the same seed gives the same bytes. `options`: `preference` in [0, 1]."""
+        super().reset(seed=seed)
+        drawn = int(self.np_random.integers(1_000_000)) if seed is None else seed
+        observations, infos = self.worlds.reset(seed=drawn, options=options)
+        return observations[0], split_infos(infos, 1)[0]
+
+    def step(self, action):
+        """Advance by one control step: observation, reward, terminated, truncated, info."""
+        action = np.asarray(action)
+        if action.shape != (2,):
+            raise ValueError(f"an action must have shape (2,) (v [m/s], omega [rad/s]), got {action.shape}")
+        observations, reward, terminated, truncated, infos = self.worlds.step(action[None])
+        info = split_infos(infos, 1)[0]
+        if "episode" in info:
+            self.episode_safe_dists.append(float(info["episode"]["min_clearance_m"]))
+            self.episode_energy_costs.append(float(info["episode"]["energy_j"]))
+        return observations[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+
+    def render(self):
+        """(H, W, 3) uint8 picture of the world."""
+        return self.worlds.render()[0]
+
+
+class DynamicNavEnv(OneWorld):
     """A mobile robot that must reach its goal among people and sudden obstacles, and spend little energy.
 
     ## Observation
@@ -55,34 +94,4 @@ class DynamicNavEnv(gymnasium.Env):
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
 
     def __init__(self, config_path: str | Path | None = None, *, config: Config | None = None, **settings):
-        render_mode = settings.get("render_mode")
-        self.worlds = DynamicNavVectorEnv(1, config or load_config(config_path), autoreset=False, **settings)
-        self.config, self.render_mode = self.worlds.config, render_mode
-        self.action_space = self.worlds.single_action_space
-        self.observation_space = self.worlds.single_observation_space
-        self.reward_space = self.worlds.reward_space
-        self.episode_safe_dists: list[float] = []  # least clearance of each finished episode [m] (article 3.2)
-        self.episode_energy_costs: list[float] = []  # energy of each finished episode [J]
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
-        """Start an episode; the same seed gives the same bytes. `options`: `preference` in [0, 1]."""
-        super().reset(seed=seed)
-        drawn = int(self.np_random.integers(1_000_000)) if seed is None else seed
-        observations, infos = self.worlds.reset(seed=drawn, options=options)
-        return observations[0], split_infos(infos, 1)[0]
-
-    def step(self, action):
-        """Advance by one control step: observation, reward, terminated, truncated, info."""
-        action = np.asarray(action)
-        if action.shape != (2,):
-            raise ValueError(f"an action must have shape (2,) (v [m/s], omega [rad/s]), got {action.shape}")
-        observations, reward, terminated, truncated, infos = self.worlds.step(action[None])
-        info = split_infos(infos, 1)[0]
-        if "episode" in info:
-            self.episode_safe_dists.append(float(info["episode"]["min_clearance_m"]))
-            self.episode_energy_costs.append(float(info["episode"]["energy_j"]))
-        return observations[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
-
-    def render(self):
-        """(H, W, 3) uint8 picture of the world."""
-        return self.worlds.render()[0]
+        super().__init__(DynamicNavVectorEnv(1, config or load_config(config_path), autoreset=False, **settings))

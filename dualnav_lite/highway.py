@@ -16,9 +16,10 @@ from gymnasium.vector.utils import batch_space
 from dualnav_lite import rewards, streams
 from dualnav_lite.cars import CarTransition, car_terms, gaps, predicted_intrusion, step_energy, time_gap
 from dualnav_lite.config import Config, UnusableInput
+from dualnav_lite.env import OneWorld
 from dualnav_lite.geometry import to_robot, wrap_angle
 from dualnav_lite.highway_tasks import HALF, TASKS
-from dualnav_lite.interface import checked_actions, checked_reset, split_infos
+from dualnav_lite.interface import checked_actions, checked_reset, restarted_infos
 from dualnav_lite.journal import Journal, outcome_of_contact
 from dualnav_lite.scenario import HIGHWAY_FOLDER, Scenario, all_scenarios, load_scenario
 from dualnav_lite.semantics import Surface
@@ -80,7 +81,7 @@ class HighwayVectorEnv(gymnasium.vector.VectorEnv):
         self.reward_space = gymnasium.spaces.Box(-np.inf, np.inf, (len(rewards.TERMS),), np.float64)
         self.journal, self.preference = Journal(n), np.zeros(n)
         self.is_done, self._has_begun, self._autoreset = np.zeros(n, bool), False, autoreset
-        self._seeds: list[np.random.Generator | None] = [None] * n
+        self._seeds = streams.EpisodeSeeds(n)
         self._steps = np.zeros(n, np.int64)
         self._ways = np.zeros(n)
         self._observations = np.zeros((n, self.tasks[0].size), np.float32)
@@ -95,18 +96,11 @@ class HighwayVectorEnv(gymnasium.vector.VectorEnv):
         return self._observations, self._infos(np.zeros(self.num_envs, bool))
 
     def _start(self, world: int, seed: int | None, preference: float | None) -> None:
-        if seed is not None:
-            self._seeds[world] = streams.stream(seed, "episodes")
-        else:
-            if self._seeds[world] is None:
-                self._seeds[world] = np.random.default_rng()
-            seed = int(self._seeds[world].integers(1_000_000))
+        seed = self._seeds.next(world, seed)
         task = self.tasks[world]
         task.env.reset(seed=int(streams.stream(seed, "highway").integers(2**31)))
         task.begin()
-        if preference is None:
-            fixed = self.config.preference
-            preference = fixed if isinstance(fixed, float) else streams.stream(seed, "preference").random()
+        preference = streams.preference_of(seed, preference, self.config.preference)
         self.preference[world] = preference
         self.is_done[world], self._steps[world], self._ways[world] = False, 0, task.way()
         self.journal.reset(world, preference, self._clearance(task)[0])
@@ -231,10 +225,7 @@ class HighwayVectorEnv(gymnasium.vector.VectorEnv):
         for i in np.flatnonzero(ended).tolist():
             final_obs[i] = self._observations[i].copy()
             self._start(i, None, None)
-        kept = ("reward_terms", "vector_reward", "reward_weights", "clipped", "episode", "_episode")
-        fresh = self._infos(infos["clipped"]) | {key: infos[key] for key in kept}
-        final_info = {key: value for key, value in infos.items() if key not in ("episode", "_episode")}
-        return {**fresh, "final_obs": final_obs, "_final_obs": ended, "final_info": final_info, "_final_info": ended}
+        return restarted_infos(infos, self._infos(infos["clipped"]), final_obs, ended)
 
     def render(self):
         """(n,) tuple of (H, W, 3) uint8 pictures, drawn by highway-env."""
@@ -248,30 +239,10 @@ class HighwayVectorEnv(gymnasium.vector.VectorEnv):
             task.env.close()
 
 
-class HighwayEnv(gymnasium.Env):
+class HighwayEnv(OneWorld):
     """One car behind Gymnasium's interface; see `HighwayVectorEnv` for spaces, rewards and arguments."""
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012
 
     def __init__(self, config: Config | None = None, scenario: str | Scenario | None = None, render_mode=None):
-        self.worlds = HighwayVectorEnv(1, config, scenario, autoreset=False, render_mode=render_mode)
-        self.config, self.render_mode = self.worlds.config, render_mode
-        self.action_space = self.worlds.single_action_space
-        self.observation_space = self.worlds.single_observation_space
-        self.reward_space = self.worlds.reward_space
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
-        """Start an episode; the same seed gives the same bytes. `options`: `preference` in [0, 1]."""
-        super().reset(seed=seed)
-        drawn = int(self.np_random.integers(1_000_000)) if seed is None else seed
-        observations, infos = self.worlds.reset(seed=drawn, options=options)
-        return observations[0], split_infos(infos, 1)[0]
-
-    def step(self, action):
-        """Advance by 0.2 s: observation, reward, terminated, truncated, info."""
-        observations, reward, terminated, truncated, infos = self.worlds.step(np.asarray(action)[None])
-        return observations[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), split_infos(infos, 1)[0]
-
-    def render(self):
-        """(H, W, 3) uint8 picture of the world."""
-        return self.worlds.render()[0]
+        super().__init__(HighwayVectorEnv(1, config, scenario, autoreset=False, render_mode=render_mode))

@@ -67,6 +67,24 @@ def checked_reset(num_envs: int, seed, options: dict[str, Any] | None, has_begun
     return mask, seeds, preference.tolist()
 
 
+def restarted_infos(ended: dict[str, Any], fresh: dict[str, Any], final_obs, mask) -> dict[str, Any]:
+    """Infos of a step after which some worlds began anew (Gymnasium's same-step autoreset).
+
+    Args:
+        ended: infos of the step; fresh: of the worlds as they stand now.
+        final_obs: (n,) last observations where an episode ended, None elsewhere.
+        mask: (n,) bool, where it did.
+
+    Returns:
+        The fresh ones with the step's rewards and pages, and what the ended episodes last showed in `final_*`.
+    """
+    of_the_step = ("reward_terms", "vector_reward", "reward_weights", "clipped", "episode", "_episode")
+    kept = {key: ended[key] for key in of_the_step if key in ended}
+    final_info = {key: value for key, value in ended.items() if key not in ("episode", "_episode")}
+    final = {"final_obs": final_obs, "_final_obs": mask, "final_info": final_info, "_final_info": mask}
+    return {**fresh, **kept, **final}
+
+
 def split_infos(infos: dict[str, Any], num_envs: int) -> list[dict[str, Any]]:
     """One info dictionary a world, from a dictionary of arrays; keys with a mask go to the worlds in it only."""
 

@@ -17,7 +17,8 @@ from gymnasium.vector.utils import CloudpickleWrapper, batch_space
 
 from dualnav_lite.config import Config, UnusableInput, load_config
 from dualnav_lite.interface import action_box, checked_actions, checked_reset, observation_box
-from dualnav_lite.vector_env import DynamicNavVectorEnv, resolve_scenarios
+from dualnav_lite.scenario import resolve_scenarios
+from dualnav_lite.vector_env import DynamicNavVectorEnv
 
 BYTES_PER_WORLD = 1 << 20  # of the memory that steps travel through; a larger step goes through the pipe instead
 STOP_SECONDS = 5.0  # until a worker that does not end by itself is ended

@@ -6,12 +6,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from dualnav_lite.config import Frozen, NonNegative, Positive, Share, UnusableInput, read_yaml, validated
+from dualnav_lite.config import Config, Frozen, NonNegative, Positive, Share, UnusableInput, read_yaml, validated
 
 Count = Annotated[int, Field(ge=0)]
 SCENARIO_FOLDER = Path(__file__).resolve().parent.parent / "stress_tests" / "scenarios"
 HIGHWAY_FOLDER = SCENARIO_FOLDER / "highway"  # of the second world
 FLEET_FOLDER = SCENARIO_FOLDER / "fleet"  # of several robots in one room
+STRESS_SCENARIOS = ("pop_up", "crowd_crossing", "low_light", "battery", "comms_dropout")  # of test mode
 
 
 class Range(Frozen):
@@ -197,3 +198,11 @@ def load_scenario(name: str, folder: Path = SCENARIO_FOLDER) -> Scenario:
     if name not in known:
         raise UnusableInput(f"unknown scenario '{name}'; known: {', '.join(known)}")
     return known[name]
+
+
+def resolve_scenarios(config: Config, scenario) -> list[Scenario]:
+    """Scenarios to draw from: those asked for, the five stress scenarios in test mode, else the configured one."""
+    if scenario is None:
+        scenario = list(STRESS_SCENARIOS) if config.test_mode else config.scenario
+    asked = [scenario] if isinstance(scenario, str | Scenario) else list(scenario)
+    return [one if isinstance(one, Scenario) else load_scenario(one) for one in asked]

@@ -10,25 +10,15 @@ from gymnasium.vector import AutoresetMode
 
 from dualnav_lite import rewards, streams
 from dualnav_lite.config import Config, UnusableInput, load_config
-from dualnav_lite.interface import action_box, checked_actions, checked_reset, observation_box
+from dualnav_lite.interface import action_box, checked_actions, checked_reset, observation_box, restarted_infos
 from dualnav_lite.journal import Journal
 from dualnav_lite.perception import Percept, Perception
 from dualnav_lite.render import draw
 from dualnav_lite.reward_model import RewardModel
-from dualnav_lite.scenario import Scenario, load_scenario
+from dualnav_lite.scenario import Scenario, resolve_scenarios
 from dualnav_lite.simulation import Simulation
 from dualnav_lite.task import Task
 from dualnav_lite.truth import truth_of
-
-STRESS_SCENARIOS = ("pop_up", "crowd_crossing", "low_light", "battery", "comms_dropout")
-
-
-def resolve_scenarios(config: Config, scenario) -> list[Scenario]:
-    """Scenarios to draw from: those asked for, the five stress scenarios in test mode, else the configured one."""
-    if scenario is None:
-        scenario = list(STRESS_SCENARIOS) if config.test_mode else config.scenario
-    asked = [scenario] if isinstance(scenario, str | Scenario) else list(scenario)
-    return [one if isinstance(one, Scenario) else load_scenario(one) for one in asked]
 
 
 class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
@@ -97,7 +87,7 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
         self.percept: Percept | None = None
         self.trails: list[list[np.ndarray]] = [[] for _ in range(num_envs)]
         self._show_truth, self._show_map, self._autoreset = truth, full_map, autoreset
-        self._seeds: list[np.random.Generator | None] = [None] * num_envs
+        self._seeds = streams.EpisodeSeeds(num_envs)
         self._observations = np.zeros(self.observation_space.shape, np.float32)
 
     def reset(self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None):
@@ -119,19 +109,12 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
 
     def _start(self, world: int, seed: int | None, preference: float | None) -> None:
         """Begin an episode in one world, without sensing."""
-        if seed is not None:
-            self._seeds[world] = streams.stream(seed, "episodes")
-        else:
-            if self._seeds[world] is None:
-                self._seeds[world] = np.random.default_rng()
-            seed = int(self._seeds[world].integers(1_000_000))
+        seed = self._seeds.next(world, seed)
         pick = int(streams.stream(seed, "scenario").integers(len(self.scenarios))) if len(self.scenarios) > 1 else 0
         scenario = self.scenarios[pick]
         self.sim.reset(world, scenario, seed)
         self.perception.reset(world, scenario, seed, self.sim)
-        if preference is None:
-            fixed = self.config.preference
-            preference = fixed if isinstance(fixed, float) else streams.stream(seed, "preference").random()
+        preference = streams.preference_of(seed, preference, self.config.preference)
         self.preference[world] = preference
         self.journal.reset(world, preference, self.sim.clearance[world])
         self.task.reset(world, self.sim)
@@ -296,11 +279,7 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
         for i in np.flatnonzero(ended).tolist():
             self._start(i, None, None)
         self._sense_first(ended)
-        fresh = self._infos(infos["clipped"])
-        kept = ("reward_terms", "vector_reward", "reward_weights", "clipped", "episode", "_episode")
-        fresh.update({key: infos[key] for key in kept if key in infos})
-        final_info = {key: value for key, value in infos.items() if key not in ("episode", "_episode")}
-        return {**fresh, "final_obs": final_obs, "_final_obs": ended, "final_info": final_info, "_final_info": ended}
+        return restarted_infos(infos, self._infos(infos["clipped"]), final_obs, ended)
 
     @property
     def observations(self) -> np.ndarray:
