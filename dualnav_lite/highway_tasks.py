@@ -11,6 +11,7 @@ from dualnav_lite.geometry import box_corners, to_robot, wrap_angle
 from dualnav_lite.rewards import ENERGY_SCALE
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # pictures are drawn off screen, so no display is asked for
 from highway_env.envs.common.observation import ObservationType
 from highway_env.envs.highway_env import HighwayEnvFast
 from highway_env.envs.parking_env import ParkingEnv

@@ -112,6 +112,8 @@ def verdict_lines(table: pd.DataFrame) -> list[str]:
         stands = beside_claim(row)
         if stands:
             word = {"beaten": "is beaten", "missed": "is missed", "open": "is not beaten with certainty"}[stands]
+            if row.article_claim >= 1.0 and stands == "open":
+                word = "is met by these runs, which a longer series may end"
             bounds = f"{percent(row.exact_low)} to {percent(row.exact_high)} (exact, 95 %)"
             lines.append(
                 f"- {titles.get(row.scenario, row.scenario)}, `{row.arm}`: {row.survived} of {row.episodes}, {bounds}; "

@@ -164,7 +164,7 @@ def test_a_claim_is_beaten_or_missed_only_with_certainty():
 
     assert beside_claim(row(50, 50, 0.92)) == "beaten"  # at least 92.9 %
     assert beside_claim(row(48, 50, 0.92)) == "open"
-    assert beside_claim(row(10, 10, 1.0)) == "beaten"
+    assert beside_claim(row(10, 10, 1.0)) == "open"
     assert beside_claim(row(9, 10, 1.0)) == "missed"
     assert beside_claim(row(20, 50, 0.92)) == "missed"
     assert beside_claim(row(9, 10, np.nan)) is None
@@ -192,6 +192,13 @@ def test_the_report_tells_a_claim_that_is_missed_from_one_left_open(survived, wo
     table = judge(rows(*wins), published_rows())["survival"].assign(article_claim=0.92)
     (line, *_) = verdict_lines(table)
     assert line.endswith(f"the article's 92 % {word}.")
+
+
+def test_a_claim_of_all_is_met_and_not_beaten():
+    wins = [("pop_up", "ppo", s, "goal") for s in range(50)]
+    table = judge(rows(*wins), published_rows())["survival"].assign(article_claim=1.0)
+    (line, *_) = verdict_lines(table)
+    assert "the article's 100 % is met by these runs" in line
 
 
 def test_tables_as_text_keep_columns_in_line_and_print_in_latex_as_they_are():

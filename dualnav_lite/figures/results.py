@@ -42,6 +42,12 @@ def survival(words: Words, read: Read) -> Figure:
     height = sum(len(group) * row + 0.42 for _, group in groups)
     sheet = Sheet(11.0, head + height + foot)
     axes = sheet.axes(4.2, head, 6.4, height)
+    marks: dict[str, dict] = {
+        "claim": {"color": COLOURS[3], "linestyle": (0, (4, 2))},
+        "ceiling": {"color": QUIET, "linestyle": "-"},
+        "blind": {"color": QUIET, "linestyle": (0, (1, 1.4))},
+    }
+    drawn: set[str] = set()
     y, labels, ticks = 0.0, [], []
     for name, group in groups:
         top, beside = y - 0.1, bounds(table, name)
@@ -56,23 +62,19 @@ def survival(words: Words, read: Read) -> Figure:
             y += row
         low, high = top + 0.22, y - 0.5 * row
         claim = group.article_claim.iloc[0]
-        if pd.notna(claim):
-            axes.plot([claim, claim], [low, high], color=COLOURS[3], linewidth=2.0, linestyle=(0, (4, 2)))
-        for kind, line in (("blind", (0, (1, 1.4))), ("ceiling", "-")):
-            if kind in beside:
-                rate = beside[kind].survival_rate
-                axes.plot([rate, rate], [low, high], color=QUIET, linewidth=2.0, linestyle=line)
+        rates = {kind: beside[kind].survival_rate for kind in ("blind", "ceiling") if kind in beside}
+        for kind, rate in (rates | ({"claim": claim} if pd.notna(claim) else {})).items():
+            axes.plot([rate, rate], [low, high], linewidth=2.0, **marks[kind])
+            drawn.add(kind)
     axes.set(xlim=(0, 1.005), ylim=(height, 0), xlabel=words("survived, 95 % interval [%]"))
     axes.set_xticks(np.linspace(0, 1, 6), ["0", "20", "40", "60", "80", "100"])
     axes.set_yticks(ticks, labels)
     axes.tick_params(axis="y", length=0)
     axes.grid(True, axis="x")
-    keys = [
-        Line2D([], [], color=COLOURS[3], linewidth=2.0, linestyle=(0, (4, 2)), label=words("claimed in the article")),
-        Line2D([], [], color=QUIET, linewidth=2.0, linestyle="-", label=words("ceiling: knows the truth")),
-        Line2D([], [], color=QUIET, linewidth=2.0, linestyle=(0, (1, 1.4)), label=words("best blind arm")),
-    ]
-    sheet.figure.legend(handles=keys, loc="lower center", ncols=3, fontsize=SMALL)
+    texts = {"claim": "claimed in the article", "ceiling": "ceiling: knows the truth", "blind": "best blind arm"}
+    keys = [Line2D([], [], linewidth=2.0, label=words(texts[kind]), **marks[kind]) for kind in texts if kind in drawn]
+    if keys:
+        sheet.figure.legend(handles=keys, loc="lower center", ncols=len(keys), fontsize=SMALL)
     return sheet.figure
 
 

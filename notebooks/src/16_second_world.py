@@ -61,7 +61,7 @@ for axis, picture, title in zip(axes, (before, env.render()), ("start", "after 2
     axis.set(title=title, xticks=[], yticks=[])
     axis.grid(False)
 plt.show()
-print(f"{observation.shape[0]} numbers seen, actions up to {env.action_space.high.round(2).tolist()}")
+print(f"{observation.shape[0]} numbers seen, actions up to {[round(float(most), 2) for most in env.action_space.high]}")
 pd.Series(info["reward_terms"]).round(3).to_frame("reward term").T
 
 # %% [markdown]
@@ -115,7 +115,8 @@ for axis, k in zip(axes, (0, headings // 4, headings // 2), strict=True):
 axes[0].set_ylabel("y [m]")
 figure.colorbar(picture, ax=axes, label="metres to drive")
 plt.show()
-print(f"turned round where it should stand: {table[middle, middle, headings // 2]:.0f} m to drive, beeline 0 m")
+way = table[middle, middle, headings // 2]
+print(f"turned round where it should stand: {way:.0f} m to drive, beeline 0 m")
 # expect: turned round where it should stand: 18 m to drive, beeline 0 m
 
 # %% [markdown]
