@@ -74,9 +74,7 @@ class Map(Frozen):
     resolution_m: Positive = 0.1
     cells: Annotated[int, Field(ge=64, le=512, multiple_of=2)] = 160
     cache: bool = True  # re-project the last received map by odometry and lay the current scan over it
-    match_steps: Annotated[int, Field(ge=0)] = (
-        3  # steps between two matches of scan and received map; 0: odometry alone
-    )
+    match_steps: Annotated[int, Field(ge=0)] = 3  # between two fits of a scan to the received map; 0: odometry alone
 
 
 class Guide(Frozen):

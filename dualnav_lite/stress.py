@@ -12,14 +12,12 @@ import pandas as pd
 from dualnav_lite.cases import all_cases, load_case
 from dualnav_lite.chunks import plan_chunks
 from dualnav_lite.config import Config, UnusableInput, with_overrides, write_atomic
-from dualnav_lite.env import DynamicNavVectorEnv, split_infos
 from dualnav_lite.evaluate import evaluate, library_arm
 from dualnav_lite.judge import judge_folder
 from dualnav_lite.notebooks import ROOT, run_notebook
 from dualnav_lite.planners import ARMS
 from dualnav_lite.report import latex_tables, report
 from dualnav_lite.scenario import load_scenario
-from dualnav_lite.survival import survived
 
 FOLDER = ROOT / "stress_tests"
 POLICY_ARMS = ("ppo", "ppo_filter")
@@ -269,33 +267,3 @@ def missing_chunks(given: dict[str, Any]) -> int:
     scenarios = [load_scenario(name) for name in load_case(given["case"]).scenarios]
     seeds = range(given["seed_base"], given["seed_base"] + given["episodes"])
     return sum(not chunk.is_done() for chunk in plan_chunks(prints, scenarios, seeds, config, Path(given["out"])))
-
-
-def picture(arm: str, scenario: str, seed: int, until_s: float = np.inf) -> np.ndarray:
-    """(H, W, 3) uint8 view of an episode at a time, or at its end if that comes first."""
-    driver = library_arm(arm, Config())
-    env = DynamicNavVectorEnv(
-        1,
-        driver.own_config(Config()) if hasattr(driver, "own_config") else Config(),
-        scenario,
-        truth=driver.needs_truth,
-        full_map=driver.needs_full_map,
-        autoreset=False,
-        render_mode="rgb_array",
-    )
-    observations, infos = env.reset(seed=seed)
-    driver.reset(np.arange(1))
-    ended = False
-    while not ended and infos["time_s"][0] < until_s:
-        actions = driver.act(observations, split_infos(infos, 1))
-        observations, _, terminated, truncated, infos = env.step(actions)
-        ended = bool(terminated[0] or truncated[0])
-    view = env.render()[0]
-    env.close()
-    return view
-
-
-def failures(rows: pd.DataFrame, count: int = 3) -> pd.DataFrame:
-    """The first failed episodes of each scenario and arm: what a reader would want to see again."""
-    columns = ["scenario", "arm", "seed", "outcome", "time_s", "path_m", "energy_j"]
-    return rows[~survived(rows)].groupby(["scenario", "arm"]).head(count)[columns].reset_index(drop=True)

@@ -126,3 +126,9 @@ def _one_row_per_seed(rows: pd.DataFrame, key: list[str]) -> None:
         raise ValueError(
             f"{len(repeated)} rows repeat an episode (first: {first}); choose one preference or training seed"
         )
+
+
+def failures(rows: pd.DataFrame, count: int = 3) -> pd.DataFrame:
+    """The first failed episodes of each scenario and arm: what a reader would want to see again."""
+    columns = ["scenario", "arm", "seed", "outcome", "time_s", "path_m", "energy_j"]
+    return rows[~survived(rows)].groupby(["scenario", "arm"]).head(count)[columns].reset_index(drop=True)

@@ -14,11 +14,12 @@ TRACE_COLUMNS = ["arm", "time_s", "battery", "goals", "contacts"]
 EVERY_STEPS = 600  # a simulated minute
 
 
-def drive(arm: str, scenario: str, seed: int):
+def drive(arm: str, scenario: str, seed: int, render_mode: str | None = None):
     """The environment of one episode and the infos of its world, after the reset and after each step."""
     config = Config()
     driver = library_arm(arm, config)
     env = library_env(1, config, load_scenario(scenario), driver)
+    env.render_mode = render_mode
     observations, infos = env.reset(seed=seed)
     driver.reset([0])
     yield env, split_infos(infos, 1)[0]
@@ -26,6 +27,13 @@ def drive(arm: str, scenario: str, seed: int):
         observations, _, _, _, infos = env.step(driver.act(observations, split_infos(infos, 1)))
         yield env, split_infos(infos, 1)[0]
     env.close()
+
+
+def picture(arm: str, scenario: str, seed: int, until_s: float = np.inf) -> np.ndarray:
+    """(H, W, 3) uint8 view of an episode at a time, or at its end if that comes first."""
+    run = drive(arm, scenario, seed, "rgb_array")
+    env = next(env for env, info in run if info["time_s"] >= until_s or env.is_done[0])
+    return env.render()[0]
 
 
 def battery_trace(options: Options) -> pd.DataFrame:

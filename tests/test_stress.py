@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dualnav_lite import deploy, judge, stress
+from dualnav_lite import deploy, judge, stress, traces
 from dualnav_lite.cases import all_cases
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.episodes import SEEDS
@@ -229,7 +229,7 @@ def test_a_shard_that_is_none_is_refused(text, word):
 
 
 def test_a_picture_is_drawn_with_the_policy_at_the_wheel():
-    view = stress.picture("ppo", "navigation", TUNING, until_s=1.0)
+    view = traces.picture("ppo", "navigation", TUNING, until_s=1.0)
     assert view.ndim == 3
     assert view.dtype == np.uint8
     assert view.std() > 10

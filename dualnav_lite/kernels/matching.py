@@ -11,14 +11,17 @@ from dualnav_lite.kernels.scan_noise import path_loss
 EVERY = 8  # beams between two that are matched: neighbours see the same cells
 FARTHEST_M = 6.0  # beyond, a beam's cells lie too far apart
 TURN_RAD, SHIFT_M = 0.025, 0.05  # of the window, either way
+WINDOW = np.array([SHIFT_M, SHIFT_M, TURN_RAD])  # by column of a pose
+ORDER = np.array([2, 0, 1])  # heading first: a turn moves every point, a shift only fits what is turned right
 GAIN = 0.6  # share of the way to the best fit that a match moves the pose: one scan may be wrong, many are not
 LEAST_FIT = 0.35  # share of the beams that must fall on something solid
 
 
 @njit(cache=True)
-def _fit(cells, corner, size, x, y, heading, points, count, resolution):
+def _fit(cells, corner, pose, points, count, resolution):
     """Sum over the points of how solid the map is where they fall, read between the cells' middles."""
-    c, s = math.cos(heading), math.sin(heading)
+    size = len(cells)
+    x, y, c, s = pose[0], pose[1], math.cos(pose[2]), math.sin(pose[2])
     total = 0.0
     for k in range(count):
         u = (x + points[k, 0] * c - points[k, 1] * s) / resolution - 0.5
@@ -52,8 +55,8 @@ def _peak(before, here, after):
 def match_scans(cells, corners, scans, due, cos_table, sin_table, resolution, range_max, poses):
     """Move the believed poses of some worlds a little towards where their scans fit their maps.
 
-    Heading first, then the place along both axes: each is tried a step to either side, and moved by `GAIN` of the way
-    to the top of the parabola through the three fits. Nothing moves where the scan does not know the map.
+    Each of heading, x and y is tried a step to either side, and moved by `GAIN` of the way to the top of the parabola
+    through the three fits. Nothing moves where the scan does not know the map.
 
     Args:
         cells: (n, G, G) u8 toroidal maps, corners: (n, 2) i64 lowest cells of their windows.
@@ -63,7 +66,7 @@ def match_scans(cells, corners, scans, due, cos_table, sin_table, resolution, ra
         resolution: side of a cell [m]; range_max: reading of a lost beam [m].
         poses: (n, 3) changed in place.
     """
-    size, beams = cells.shape[1], scans.shape[1]
+    beams = scans.shape[1]
     points = np.empty((beams // EVERY + 1, 2))
     for i in range(len(poses)):
         if not due[i]:
@@ -74,19 +77,12 @@ def match_scans(cells, corners, scans, due, cos_table, sin_table, resolution, ra
             if distance < min(range_max, FARTHEST_M) and scans[i, k, 1] * path_loss(distance) >= WEAK:
                 points[count, 0], points[count, 1] = distance * cos_table[k], distance * sin_table[k]
                 count += 1
-        x, y, heading = poses[i, 0], poses[i, 1], poses[i, 2]
-        here = _fit(cells[i], corners[i], size, x, y, heading, points, count, resolution)
-        if count == 0 or here < LEAST_FIT * count:
+        pose = poses[i]
+        if count == 0 or _fit(cells[i], corners[i], pose, points, count, resolution) < LEAST_FIT * count:
             continue
-        before = _fit(cells[i], corners[i], size, x, y, heading - TURN_RAD, points, count, resolution)
-        after = _fit(cells[i], corners[i], size, x, y, heading + TURN_RAD, points, count, resolution)
-        heading += GAIN * TURN_RAD * _peak(before, here, after)
-        here = _fit(cells[i], corners[i], size, x, y, heading, points, count, resolution)
-        before = _fit(cells[i], corners[i], size, x - SHIFT_M, y, heading, points, count, resolution)
-        after = _fit(cells[i], corners[i], size, x + SHIFT_M, y, heading, points, count, resolution)
-        x += GAIN * SHIFT_M * _peak(before, here, after)
-        here = _fit(cells[i], corners[i], size, x, y, heading, points, count, resolution)
-        before = _fit(cells[i], corners[i], size, x, y - SHIFT_M, heading, points, count, resolution)
-        after = _fit(cells[i], corners[i], size, x, y + SHIFT_M, heading, points, count, resolution)
-        y += GAIN * SHIFT_M * _peak(before, here, after)
-        poses[i, 0], poses[i, 1], poses[i, 2] = x, y, heading
+        for axis in ORDER:
+            believed, fits = pose[axis], np.empty(3)
+            for k in range(3):
+                pose[axis] = believed + (k - 1) * WINDOW[axis]
+                fits[k] = _fit(cells[i], corners[i], pose, points, count, resolution)
+            pose[axis] = believed + GAIN * WINDOW[axis] * _peak(fits[0], fits[1], fits[2])

@@ -21,7 +21,8 @@ from IPython.display import Markdown, display
 from PIL import Image
 
 from dualnav_lite import stress
-from dualnav_lite.survival import survival
+from dualnav_lite.survival import failures, survival
+from dualnav_lite.traces import picture
 
 display(Markdown(stress.load_case(case).about))
 
@@ -32,7 +33,7 @@ display(Markdown(stress.load_case(case).about))
 
 # %%
 for scenario in stress.load_case(case).scenarios:
-    display(Image.fromarray(stress.picture(arms[0], scenario, seed_base, until_s=8.0)))
+    display(Image.fromarray(picture(arms[0], scenario, seed_base, until_s=8.0)))
 
 # %% [markdown]
 # ## Who survives
@@ -59,7 +60,7 @@ table[["scenario", "arm", "mean_min_clearance_m", "mean_energy_j", "energy_j_per
 rows.groupby(["scenario", "arm", "outcome"]).size().unstack(fill_value=0)
 
 # %%
-failed = stress.failures(rows)
+failed = failures(rows)
 failed
 
 # %% [markdown]
@@ -67,7 +68,7 @@ failed
 
 # %%
 for run in failed[failed.time_s < 600].head(1).itertuples():
-    display(Image.fromarray(stress.picture(run.arm, run.scenario, run.seed)))
+    display(Image.fromarray(picture(run.arm, run.scenario, run.seed)))
 
 # %% [markdown]
 # ## Change this one line and look
