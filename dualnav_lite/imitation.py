@@ -30,7 +30,7 @@ class Imitation(Frozen):
     worlds: Count = 16  # of a shard
     shard_labels: Count = 8192
     label_share: Share = 0.33  # share of student-driven steps that are labelled: neighbours in time are alike
-    noise_share: Share = 0.05  # share of steps with a random command, so that the way back is seen as well
+    noise_share: Share = 0.1  # share of steps at which `labels.Noise` has the wheel
     temperature_m: Positive = 0.08  # of the teacher's soft choice, in metres of way
     caution: Share = 0.0  # `imitation_loss`
     memory: Share = 0.5  # of the `CommandReader` that drives

@@ -21,6 +21,8 @@ from dualnav_lite.weights import load_weights
 
 PIXEL_STEPS = 127  # images are kept as int8; a pixel is off by at most 1/254
 WALKING_M_S = 0.1
+BURST_STEPS, TURN_STEPS = (3, 8), (5, 20)  # of random commands: single ones vanish in the robot's inertia; of turns
+MEAN_STEPS = 9.0  # of both
 MIRRORED_BANDS = (1, 4, 6)  # omega, goal_sin, guide_sin change sign when left and right are swapped
 
 
@@ -115,6 +117,38 @@ class Labels:
         return len(self.costs)
 
 
+class Noise:
+    """Takes the wheel now and then, so that the way back is seen as well.
+
+    Half of the times it holds a random command; half of the times it turns on the spot, or stands: where a robot finds
+    itself with its back to the way on, beside something, a driver that was never shown a way out stays.
+
+    Args:
+        commands: (k, 2) to choose from, v [m/s], omega [rad/s].
+        worlds: number n of worlds.
+        share: of the steps.
+        rng: numpy generator.
+    """
+
+    def __init__(self, commands, worlds: int, share: float, rng):
+        self._commands, self._begin, self._rng = commands, share / MEAN_STEPS, rng
+        self._left, self._held = np.zeros(worlds, int), np.zeros((worlds, 2))
+
+    def __call__(self, actions):
+        """(n, 2) the actions, or what is held instead."""
+        rng = self._rng
+        for i in np.flatnonzero((rng.random(len(actions)) < self._begin) & (self._left == 0)):
+            if rng.random() < 0.5:
+                self._held[i] = self._commands[rng.integers(len(self._commands))]
+                self._left[i] = rng.integers(*BURST_STEPS, endpoint=True)
+            else:
+                self._held[i] = 0.0, rng.uniform(-1.0, 1.0) * self._commands[:, 1].max()
+                self._left[i] = rng.integers(*TURN_STEPS, endpoint=True)
+        actions = np.where(self._left[:, None] > 0, self._held, actions)
+        self._left = np.maximum(self._left - 1, 0)
+        return actions
+
+
 def collect(actor: Actor | None, settings, config: Config, scenarios, seed: int, progress=None) -> Labels:
     """One shard of labels, from worlds that the student drives, or the teacher where there is no student yet.
 
@@ -135,7 +169,7 @@ def collect(actor: Actor | None, settings, config: Config, scenarios, seed: int,
     teacher, reader = Teacher(config), CommandReader(Ceiling(config).grid, settings.memory)
     teacher.reset(range(n))
     commands = teacher.grid.reshape(-1, 2)
-    noisy_until, noise, step = np.zeros(n, int), np.zeros((n, 2)), 0
+    noise = Noise(commands, n, settings.noise_share, rng)
     kept: dict[str, list[np.ndarray]] = {"images": [], "bands": [], "costs": []}
     survived: list[bool] = []
     count = 0
@@ -157,18 +191,13 @@ def collect(actor: Actor | None, settings, config: Config, scenarios, seed: int,
             with torch.no_grad():
                 probabilities = actor(torch.from_numpy(observations)).exp().numpy()
             actions = reader(probabilities)
-        # Bursts of three to eight random steps: single ones vanish in the robot's inertia.
-        begin = (rng.random(n) < settings.noise_share / 5.0) & (noisy_until <= step)
-        noisy_until[begin] = step + rng.integers(3, 9, size=int(begin.sum()))
-        noise[begin] = commands[rng.integers(len(commands), size=int(begin.sum()))]
-        actions = np.where((noisy_until > step)[:, None], noise, actions)
+        actions = noise(actions)
         observations, _, terminations, truncations, infos = env.step(actions)
         ended = np.flatnonzero(terminations | truncations)
         if len(ended):
             survived += (infos["episode"]["outcome"][ended] == "goal").tolist()
         teacher.reset(ended)
         reader.reset(ended)
-        step += 1
         if progress:
             progress(len(labelled))
     env.close()

@@ -8,7 +8,7 @@ from dualnav_lite.encoder import BANDS
 from dualnav_lite.env import DynamicNavVectorEnv, split_infos
 from dualnav_lite.imitation import Imitation, fit, imitate, imitation_loss
 from dualnav_lite.kernels import sampling as kernels
-from dualnav_lite.labels import MIRRORED_BANDS, Labels, Teacher, collect, mirrored, pack, unpack
+from dualnav_lite.labels import MIRRORED_BANDS, Labels, Noise, Teacher, collect, mirrored, pack, unpack
 from dualnav_lite.planners.sampling import Ceiling, command_grid
 from dualnav_lite.policy import make_actor, split_observations
 from dualnav_lite.weights import load_weights, save_weights
@@ -243,3 +243,14 @@ def test_two_halves_on_two_cores_descend_as_one_batch_does(labels):
         optimizer.step()
 
     assert torch.allclose(weights_after(halved), weights_after(whole), atol=1e-6)
+
+
+def test_noise_has_the_wheel_for_its_share_of_the_steps_and_turns_on_the_spot_in_half_of_its_turns():
+    commands = command_grid(Hardware()).reshape(-1, 2)
+    noise, wanted = Noise(commands, 50, 0.1, np.random.default_rng(0)), np.full((50, 2), 0.123)
+    steps = np.array([noise(wanted) for _ in range(4000)])
+    taken = (steps != 0.123).any(axis=2)
+    assert 0.08 < taken.mean() < 0.12
+    turns = taken & (steps[..., 0] == 0.0) & ~np.isin(steps[..., 1], commands[:, 1])
+    assert 0.5 < turns.sum() / taken.sum() < 0.8  # longer than the random commands
+    assert np.abs(steps[..., 1]).max() <= commands[:, 1].max()
