@@ -12,12 +12,13 @@ from dualnav_lite.geometry import beam_directions
 from dualnav_lite.kernels import braking
 
 SHARES = np.linspace(1.0, 0.0, 6)  # of a command's speed that are tried
+TURNS = np.deg2rad([15, -15, 30, -30, 45, -45, 60, -60, 75, -75, 90, -90])  # headings looked at from a standstill
 MARGIN_M = 0.02  # beyond the hull; twice the range noise in daylight
 STEP_S = 0.02  # of the integration
 
 
 class SafetyFilter:
-    """Slows commands down until braking distance and swept hull are free; turns are kept.
+    """Slows commands down until braking distance and swept hull are free; from a standstill it turns to a free heading.
 
     Args:
         config: hull, accelerations, control step and lidar.
@@ -26,6 +27,7 @@ class SafetyFilter:
 
     def __init__(self, config: Config, margin_m: float = MARGIN_M):
         self._robot, self._range_max = config.robot, config.lidar.range_max_m
+        self._max_omega = config.hardware.max_ang_vel
         self._control_dt = config.control_dt_s
         self._hull = config.robot.hull_radius_m + margin_m
 
@@ -38,12 +40,12 @@ class SafetyFilter:
             twists: (n, 2) measured.
 
         Returns:
-            (n, 2), v between 0 and the commanded one, omega as commanded.
+            (n, 2), v between 0 and the commanded one; omega as commanded, but where the robot stands and cannot go on.
         """
         commands = np.asarray(commands, float)
         cosines, sines = beam_directions(scans.shape[1])
-        shares = np.empty(len(commands))
-        braking.safe_shares(
+        safe = np.empty((len(commands), 2))
+        braking.safe_commands(
             commands,
             np.asarray(scans, np.float32),
             np.asarray(twists, float),
@@ -51,28 +53,30 @@ class SafetyFilter:
             sines,
             self._range_max,
             SHARES,
+            TURNS,
             self._robot.max_lin_acc_m_s2,
             self._robot.max_ang_acc_rad_s2,
+            self._max_omega,
             self._control_dt,
             STEP_S,
             self._hull,
-            shares,
+            safe,
         )
-        return np.column_stack([shares * commands[:, 0], commands[:, 1]])
+        return safe
 
 
 class FilteredDriver:
     """A driver behind the filter; to `evaluate` a driver like any other.
 
     Attributes:
-        interventions: control steps in which a command was slowed down.
+        interventions: control steps in which a command was changed.
     """
 
     def __init__(self, driver, config: Config):
         self._driver, self._filter = driver, SafetyFilter(config)
         self.needs_truth, self.needs_full_map = driver.needs_truth, driver.needs_full_map
         self.training_seed = getattr(driver, "training_seed", None)
-        self.fingerprint = f"filtered {MARGIN_M} {getattr(driver, 'fingerprint', '')}"
+        self.fingerprint = f"filtered and turned {MARGIN_M} {getattr(driver, 'fingerprint', '')}"
         self.interventions = 0
 
     def own_config(self, config: Config) -> Config:

@@ -87,6 +87,22 @@ def test_lost_beams_are_no_obstacles():
     assert filtered((0.8, 0.0), scan, (0.8, 0.0))[0] == 0.8
 
 
+def test_ghosts_are_no_obstacles_and_dark_surfaces_are():
+    scan = scan_of((0.4, 0.0))
+    scan[scan[:, 1] > 0.0, 1] = 0.05
+    assert filtered((0.8, 0.0), scan, (0.8, 0.0))[0] == 0.8
+    scan[scan[:, 1] > 0.0, 1] = 0.07
+    assert filtered((0.8, 0.0), scan, (0.8, 0.0))[0] < 0.8
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_robot_that_stands_before_a_corner_turns_to_the_free_side(side):
+    corner = [(0.205, side * (0.01 + 0.03 * k)) for k in range(8)]
+    assert filtered((0.4, 0.1), scan_of(*corner)).tolist() == [0.0, -side * CONFIG.hardware.max_ang_vel]
+    assert filtered((0.4, 0.1), scan_of(*corner), (0.3, 0.0)).tolist() == [0.0, 0.1]  # it brakes first
+    assert filtered((0.4, 0.6), scan_of(*corner))[1] == 0.6  # a driver who turns is left alone
+
+
 def test_compiled_braking_agrees_with_plain_python():
     rng = np.random.default_rng(2)
     seen = set()

@@ -5,16 +5,23 @@ import math
 import numpy as np
 from numba import njit
 
+from dualnav_lite.kernels.grid import WEAK
+from dualnav_lite.kernels.scan_noise import path_loss
+
 MOVES_M_S = 0.02  # slower than this the hull does not sweep anything: it turns on the spot
+TURNS_RAD_S = 0.3  # faster than this a command finds another heading by itself
 CLOSER_M = 1e-6  # a hull that is too close already may move as long as no step takes it closer than by rounding
 
 
 @njit(cache=True)
 def points_within(scan, cosines, sines, reach, range_max, points):
-    """Number of hits of a scan (beams, 2) closer than `reach` [m], written to `points` (beams, 2), robot frame."""
+    """Number of hits of a scan (beams, 2) closer than `reach` [m], written to `points` (beams, 2), robot frame.
+
+    A return too faint for its range to be a surface is a ghost, as it is to the map.
+    """
     count = 0
     for k in range(scan.shape[0]):
-        if 0.0 < scan[k, 0] < min(reach, range_max) and scan[k, 1] > 0.0:
+        if 0.0 < scan[k, 0] < min(reach, range_max) and scan[k, 1] * path_loss(scan[k, 0]) >= WEAK:
             points[count, 0] = scan[k, 0] * cosines[k]
             points[count, 1] = scan[k, 0] * sines[k]
             count += 1
@@ -63,29 +70,53 @@ def is_braking_safe(points, count, twist_v, twist_omega, v, omega, max_acc, max_
 
 
 @njit(cache=True)
-def safe_shares(
-    commands, scans, twists, cosines, sines, range_max, shares, max_acc, max_ang_acc, control_dt, dt, hull, out
-):
-    """The largest of the shares by which each command's speed may be taken, its turn kept; 0 where none is safe.
+def _turned(points, count, angle, turned):
+    """Write the points as a robot turned by `angle` [rad] sees them."""
+    c, s = math.cos(angle), math.sin(angle)
+    for k in range(count):
+        turned[k, 0], turned[k, 1] = c * points[k, 0] + s * points[k, 1], c * points[k, 1] - s * points[k, 0]
+
+
+@njit(cache=True)
+def safe_commands(
+    commands, scans, twists, cosines, sines, range_max, shares, turns, max_acc, max_ang_acc, max_omega, control_dt, dt,
+    hull, out
+):  # fmt: skip
+    """The largest of the shares by which each command's speed may be taken, its turn kept.
+
+    Where none is, the robot brakes; and where it stands already and was told to go nearly straight on, it turns on the
+    spot to the nearest heading from which it could go: without that a driver who sees less sharply waits for ever.
 
     Args:
         commands, twists: (n, 2) v [m/s], omega [rad/s].
         scans: (n, beams, 2) ranges [m] and intensities; intensity 0 marks a lost beam.
         cosines, sines: (beams,) of the bearings; range_max: reading of nothing [m].
-        shares: (k,) falling from 1.
-        max_acc, max_ang_acc, control_dt, dt, hull: as in `is_braking_safe`.
-        out: (n,) written.
+        shares: (k,) falling from 1 to 0; turns: (j,) [rad] headings that are looked at, the nearest first.
+        max_acc, max_ang_acc, control_dt, dt, hull: as in `is_braking_safe`; max_omega: [rad/s].
+        out: (n, 2) written.
     """
-    points = np.empty((scans.shape[1], 2))
+    points, turned = np.empty((scans.shape[1], 2)), np.empty((scans.shape[1], 2))
     for i in range(commands.shape[0]):
-        top = max(abs(commands[i, 0]), abs(twists[i, 0]))
+        v, omega = commands[i, 0], commands[i, 1]
+        top = max(abs(v), abs(twists[i, 0]))
         reach = hull + top * (2.0 * control_dt + top / max_acc) + 0.05
         count = points_within(scans[i], cosines, sines, reach, range_max, points)
-        out[i] = 0.0
+        out[i, 0], out[i, 1] = 0.0, omega
         for share in shares:
             if count == 0 or is_braking_safe(
-                points, count, twists[i, 0], twists[i, 1], share * commands[i, 0], commands[i, 1], max_acc,
-                max_ang_acc, control_dt, dt, hull,
-            ):  # fmt: skip
-                out[i] = share
+                points, count, twists[i, 0], twists[i, 1], share * v, omega, max_acc, max_ang_acc, control_dt, dt, hull
+            ):
+                out[i, 0] = share * v
+                break
+        if (
+            abs(out[i, 0]) > MOVES_M_S
+            or abs(twists[i, 0]) > MOVES_M_S
+            or abs(v) <= MOVES_M_S
+            or abs(omega) > TURNS_RAD_S
+        ):
+            continue
+        for angle in turns:
+            _turned(points, count, angle, turned)
+            if is_braking_safe(turned, count, 0.0, 0.0, v, 0.0, max_acc, max_ang_acc, control_dt, dt, hull):
+                out[i, 1] = math.copysign(max_omega, angle)
                 break
