@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from dualnav_lite.beyond_claims import fleet_differences, learner_differences
+from dualnav_lite.beyond.differences import fleet_differences, learner_differences
 from dualnav_lite.config import Frozen, UnusableInput, read_yaml, validated
 from dualnav_lite.metrics import wilson_interval
 from dualnav_lite.pareto import pareto_episodes

@@ -6,6 +6,7 @@ import numpy as np
 
 from dualnav_lite import streams
 from dualnav_lite.config import Config, UnusableInput
+from dualnav_lite.occupants import draw_crowd, draw_people, draw_pushables, hall_lanes
 from dualnav_lite.pedestrians import POP_UP, PUSHABLE, CrowdPlan, MoverPlan
 from dualnav_lite.pop_ups import PopUpPlan
 from dualnav_lite.rooms import (
@@ -19,7 +20,6 @@ from dualnav_lite.rooms import (
     furnish,
 )
 from dualnav_lite.scenario import Range, Scenario
-from dualnav_lite.traffic import draw_crowd, draw_people, draw_pushables, hall_lanes
 
 CORNER_MARGIN_M = 0.45  # start and goal keep this from every solid
 MAX_TRIES = 300

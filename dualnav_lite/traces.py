@@ -7,7 +7,7 @@ from dualnav_lite import rewards
 from dualnav_lite.config import Config
 from dualnav_lite.env import DynamicNavVectorEnv, split_infos
 from dualnav_lite.evaluate import library_arm, library_env
-from dualnav_lite.measures import Options
+from dualnav_lite.measures.tables import Options
 from dualnav_lite.scenario import load_scenario
 
 TRACE_COLUMNS = ["arm", "time_s", "battery", "goals", "contacts"]

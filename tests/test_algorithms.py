@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dualnav_lite.algorithms import (
+from dualnav_lite.beyond.algorithms import (
     ACTIONS,
     COLUMNS,
     SECTORS,

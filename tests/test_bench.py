@@ -6,7 +6,8 @@ import time
 import numpy as np
 import pytest
 
-from dualnav_lite import bench, peers
+from dualnav_lite import bench
+from dualnav_lite.bench import peers
 from dualnav_lite.config import Config
 from dualnav_lite.geometry import beam_directions
 from dualnav_lite.layout import generate

@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from dualnav_lite.beyond_claims import fleet_differences, learner_differences
+from dualnav_lite.beyond.differences import fleet_differences, learner_differences
 
 
 def learned(ppo, dqn, sac):

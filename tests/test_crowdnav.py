@@ -5,9 +5,8 @@ import pytest
 
 pytest.importorskip("pyrvo")
 
-from dualnav_lite import beyond
-from dualnav_lite.config import Config, UnusableInput
-from dualnav_lite.crowdnav import (
+from dualnav_lite.beyond import tables
+from dualnav_lite.beyond.crowdnav import (
     GOAL,
     KNOWN,
     START,
@@ -22,7 +21,8 @@ from dualnav_lite.crowdnav import (
     run_holonomic,
     sampling_arm,
 )
-from dualnav_lite.crowdnav_robot import CrowdWorlds, crowdnav_table
+from dualnav_lite.beyond.crowdnav_robot import CrowdWorlds, crowdnav_table
+from dualnav_lite.config import Config, UnusableInput
 from dualnav_lite.lidar import Lidar
 
 
@@ -109,4 +109,4 @@ def test_table_holds_a_row_an_arm_and_hull():
 
 def test_an_unknown_table_is_named(tmp_path):
     with pytest.raises(UnusableInput, match="known: crowdnav"):
-        beyond.run("atlantis", tmp_path)
+        tables.run("atlantis", tmp_path)

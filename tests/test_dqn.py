@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from dualnav_lite.dqn import DQN, QNetwork, ReplayBuffer, explore, td_target, train_dqn
+from dualnav_lite.beyond.dqn import DQN, QNetwork, ReplayBuffer, explore, td_target, train_dqn
 
 
 class Table(QNetwork):

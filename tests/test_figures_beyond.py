@@ -5,11 +5,11 @@ import pandas as pd
 import pytest
 
 from dualnav_lite import figures
-from dualnav_lite.algorithms import COLUMNS as ALGORITHM_COLUMNS
+from dualnav_lite.beyond.algorithms import COLUMNS as ALGORITHM_COLUMNS
+from dualnav_lite.beyond.fleet_drive import COLUMNS as FLEET_COLUMNS
+from dualnav_lite.beyond.highway_agent import COLUMNS as HIGHWAY_COLUMNS
 from dualnav_lite.figures.beyond import BEYOND
 from dualnav_lite.figures.results import make_result_figures
-from dualnav_lite.fleet_drive import COLUMNS as FLEET_COLUMNS
-from dualnav_lite.highway_agent import COLUMNS as HIGHWAY_COLUMNS
 
 has_chinese_font = bool(set(figures.CHINESE_FONTS) & {f.name for f in figures.font_manager.fontManager.ttflist})
 LANGUAGES = ["en", pytest.param("zh", marks=pytest.mark.skipif(not has_chinese_font, reason="no Chinese font"))]

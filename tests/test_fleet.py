@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from dualnav_lite.beyond.fleet_drive import cross_of_commands, drive_fleets, row_of
 from dualnav_lite.config import Config, UnusableInput
 from dualnav_lite.fleet import CrossTerm, FleetWorlds, cross_term, draw_layout
-from dualnav_lite.fleet_drive import cross_of_commands, drive_fleets, row_of
-from dualnav_lite.fleet_env import FleetEnv
+from dualnav_lite.fleet.env import FleetEnv
 from dualnav_lite.motion import STEPS
 from dualnav_lite.scenario import load_scenario
 

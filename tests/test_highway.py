@@ -5,8 +5,13 @@ import pytest
 import torch
 
 from dualnav_lite import rewards
-from dualnav_lite.car_ways import CIRCLE_M, car_way
-from dualnav_lite.cars import (
+from dualnav_lite.beyond.highway_agent import CarDriver, Follower, config_of, highway_table, judge, train_car
+from dualnav_lite.config import Config, UnusableInput
+from dualnav_lite.env import DynamicNavEnv
+from dualnav_lite.episodes import COLUMNS, OUTCOMES
+from dualnav_lite.highway import HighwayEnv, HighwayVectorEnv
+from dualnav_lite.highway.car_ways import CIRCLE_M, car_way
+from dualnav_lite.highway.cars import (
     DRAG_KG_M,
     IDLE_W,
     MASS_KG,
@@ -18,11 +23,6 @@ from dualnav_lite.cars import (
     step_energy,
     time_gap,
 )
-from dualnav_lite.config import Config, UnusableInput
-from dualnav_lite.env import DynamicNavEnv
-from dualnav_lite.episodes import COLUMNS, OUTCOMES
-from dualnav_lite.highway import HighwayEnv, HighwayVectorEnv
-from dualnav_lite.highway_agent import CarDriver, Follower, config_of, highway_table, judge, train_car
 from dualnav_lite.policy import make_actor
 
 CAR = [0.0, 0.0, 0.0, 2.5, 1.0]

@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 
 from dualnav_lite import deploy
-from dualnav_lite.adversary import PERTURBATIONS, Perturbed, failure_search, search
 from dualnav_lite.config import Config, UnusableInput
 from dualnav_lite.encoder import BANDS, read_bands
 from dualnav_lite.episodes import SEEDS
@@ -15,13 +14,14 @@ from dualnav_lite.evaluate import library_arm
 from dualnav_lite.figures.beyond import BEYOND
 from dualnav_lite.figures.captions import CAPTIONS
 from dualnav_lite.figures.results import RESULTS, make_result_figures
-from dualnav_lite.intervention import with_charge
-from dualnav_lite.latency import LATENCY_COLUMNS, STAGES, first_answer
-from dualnav_lite.measures import MEASURES, Options, run
+from dualnav_lite.measures.adversary import PERTURBATIONS, Perturbed, failure_search, search
+from dualnav_lite.measures.intervention import with_charge
+from dualnav_lite.measures.latency import LATENCY_COLUMNS, STAGES, first_answer
+from dualnav_lite.measures.sweep import VALUES, knob
+from dualnav_lite.measures.tables import MEASURES, Options, run
 from dualnav_lite.publish import blocks, publish
 from dualnav_lite.reference import made_from, published_rows
 from dualnav_lite.survival import survived
-from dualnav_lite.sweep import VALUES, knob
 
 TUNING = SEEDS["tuning"].start
 

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from dualnav_lite import onboard
+from dualnav_lite.beyond import onboard
 from dualnav_lite.deploy import MODEL_FOLDER
 
 ALLOWED = {"numpy", "cv2", "numba", "onnxruntime", "dualnav_lite"}

@@ -6,7 +6,7 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from dualnav_lite.streets import (
+from dualnav_lite.beyond.streets import (
     BLOCK_M,
     MOST_MOVES,
     RISK_PER_M,
@@ -21,7 +21,7 @@ from dualnav_lite.streets import (
     walk_of,
     weigh,
 )
-from dualnav_lite.streets_dqn import PREFERENCES, front_table
+from dualnav_lite.beyond.streets_dqn import PREFERENCES, front_table
 
 TOWN = build_town(0)
 

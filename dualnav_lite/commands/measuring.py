@@ -51,7 +51,7 @@ def evaluate(
 
 @app.command()
 def measure(
-    name: Annotated[str, typer.Argument(help="A name of dualnav_lite/measures.py; a wrong one lists them.")],
+    name: Annotated[str, typer.Argument(help="A name of dualnav_lite/measures/tables.py; a wrong one lists them.")],
     arms: Annotated[str, typer.Option(help="Arms, separated by commas; the measurement's own if empty.")] = "",
     scenarios: Annotated[str, typer.Option(help="Scenario ids, separated by commas; its own if empty.")] = "",
     episodes: Annotated[int, typer.Option(min=0, help="Seeds of each; its own number if 0.")] = 0,
@@ -60,8 +60,8 @@ def measure(
     out: Annotated[Path, typer.Option(help="Folder of the CSVs.")] = Path("results"),
 ) -> int:
     """Fronts of preferences, the battery band, latency, three hours minute by minute, differential evolution."""
-    from dualnav_lite.measures import Options
-    from dualnav_lite.measures import run as run_measure
+    from dualnav_lite.measures.tables import Options
+    from dualnav_lite.measures.tables import run as run_measure
 
     options = Options(
         out, words(arms) if arms else (), words(scenarios) if scenarios else (), episodes, seed_base, jobs
@@ -151,12 +151,12 @@ def figures(
 
 @app.command()
 def beyond(
-    name: Annotated[str, typer.Argument(help="One of the tables in dualnav_lite/beyond.py, as crowdnav.")],
+    name: Annotated[str, typer.Argument(help="One of the tables in dualnav_lite/beyond/tables.py, as crowdnav.")],
     quick: Annotated[bool, typer.Option("--quick", help="A few episodes, to see that it works.")] = False,
     out: Annotated[Path, typer.Option(help="Folder of the table's CSV.")] = Path("results"),
 ) -> int:
     """Measure a table from beyond the kit's own world again: CrowdNav's protocol and others."""
-    from dualnav_lite.beyond import run as measure
+    from dualnav_lite.beyond.tables import run as measure
 
     print(measure(name, out, quick).to_string(index=False, float_format=lambda value: f"{value:.3f}"))
     return 0

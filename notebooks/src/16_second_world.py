@@ -24,12 +24,7 @@ import matplotlib.pyplot as plt
 import pandas as pd
 from IPython.display import display
 
-from dualnav_lite.car_ways import way_table
-from dualnav_lite.cars import MASS_KG, step_energy
-from dualnav_lite.config import UnusableInput
-from dualnav_lite.figures.lesson import BLUE, GREEN, GREY, ORANGE, RED, film, lesson_style
-from dualnav_lite.highway import DT_S, HighwayEnv
-from dualnav_lite.highway_agent import (
+from dualnav_lite.beyond.highway_agent import (
     PREFERENCES,
     CarDriver,
     Follower,
@@ -39,6 +34,11 @@ from dualnav_lite.highway_agent import (
     train_car,
     train_stable_car,
 )
+from dualnav_lite.config import UnusableInput
+from dualnav_lite.figures.lesson import BLUE, GREEN, GREY, ORANGE, RED, film, lesson_style
+from dualnav_lite.highway import DT_S, HighwayEnv
+from dualnav_lite.highway.car_ways import way_table
+from dualnav_lite.highway.cars import MASS_KG, step_energy
 
 lesson_style()
 torch.set_num_threads(1)

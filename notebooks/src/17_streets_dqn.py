@@ -22,10 +22,10 @@ import torch
 import matplotlib.pyplot as plt
 import pandas as pd
 
-from dualnav_lite.dqn import td_target
+from dualnav_lite.beyond.dqn import td_target
+from dualnav_lite.beyond.streets import BLOCK_M, SIDE, build_town, exact_walk, risk_density, weigh
+from dualnav_lite.beyond.streets_dqn import GOAL, draw_trips, train_walker, walks_of_network
 from dualnav_lite.figures.lesson import BLUE, GREEN, GREY, ORANGE, RED, lesson_style
-from dualnav_lite.streets import BLOCK_M, SIDE, build_town, exact_walk, risk_density, weigh
-from dualnav_lite.streets_dqn import GOAL, draw_trips, train_walker, walks_of_network
 
 lesson_style()
 torch.set_num_threads(1)

@@ -9,7 +9,7 @@ import pandas as pd
 from dualnav_lite.config import Config
 from dualnav_lite.env import split_infos
 from dualnav_lite.evaluate import library_arm, library_env
-from dualnav_lite.measures import Options
+from dualnav_lite.measures.tables import Options
 from dualnav_lite.safety import SafetyFilter
 from dualnav_lite.scenario import load_scenario
 

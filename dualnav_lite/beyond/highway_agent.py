@@ -12,7 +12,7 @@ from dualnav_lite.config import Config, UnusableInput
 from dualnav_lite.episodes import SEEDS
 from dualnav_lite.evaluate import evaluate
 from dualnav_lite.highway import HighwayVectorEnv
-from dualnav_lite.highway_tasks import TrafficTask
+from dualnav_lite.highway.tasks import TrafficTask
 from dualnav_lite.metrics import wilson_interval
 from dualnav_lite.pareto import safe_distance
 from dualnav_lite.policy import Actor

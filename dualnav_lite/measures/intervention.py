@@ -9,7 +9,7 @@ from dualnav_lite.deploy import make_driver
 from dualnav_lite.encoder import BAND_EDGES, BANDS, EGO
 from dualnav_lite.env import split_infos
 from dualnav_lite.evaluate import library_env, run_episodes
-from dualnav_lite.measures import Options
+from dualnav_lite.measures.tables import Options
 from dualnav_lite.metrics import bootstrap_rate
 from dualnav_lite.pareto import safe_distance
 from dualnav_lite.scenario import Range, load_scenario

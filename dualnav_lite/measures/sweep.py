@@ -5,7 +5,7 @@ import pandas as pd
 
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.evaluate import evaluate
-from dualnav_lite.measures import Options
+from dualnav_lite.measures.tables import Options
 from dualnav_lite.planners import ARMS
 
 VALUES = 11

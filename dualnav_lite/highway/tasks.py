@@ -5,9 +5,9 @@ import os
 import gymnasium
 import numpy as np
 
-from dualnav_lite.car_ways import car_way
-from dualnav_lite.cars import LENGTH_M, WIDTH_M
 from dualnav_lite.geometry import box_corners, to_robot, wrap_angle
+from dualnav_lite.highway.car_ways import car_way
+from dualnav_lite.highway.cars import LENGTH_M, WIDTH_M
 from dualnav_lite.rewards import ENERGY_SCALE
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")

@@ -33,8 +33,8 @@ class Options:
 
 def front(options: Options) -> dict[str, pd.DataFrame]:
     """Preferences of the policy and the top speed of four planners: `pareto.csv` and `front.csv`."""
+    from dualnav_lite.measures.sweep import sweep
     from dualnav_lite.pareto import front, pareto
-    from dualnav_lite.sweep import sweep
 
     rows = sweep(options)
     return {"sweep": rows, "pareto": pareto(rows), "front": front(rows)}
@@ -42,14 +42,14 @@ def front(options: Options) -> dict[str, pd.DataFrame]:
 
 def intervention(options: Options) -> dict[str, pd.DataFrame]:
     """The battery band alone flipped between 15 and 100 %, and whole runs begun at either: `intervention.csv`."""
-    from dualnav_lite.intervention import intervention
+    from dualnav_lite.measures.intervention import intervention
 
     return {"intervention": intervention(options)}
 
 
 def latency(options: Options) -> dict[str, pd.DataFrame]:
     """Wall-clock of the stages of a step, and ticks until a pop-up is answered: `latency.csv`, `response_ticks.csv`."""
-    from dualnav_lite.latency import latency_table, response_ticks
+    from dualnav_lite.measures.latency import latency_table, response_ticks
 
     ticks = response_ticks(options)
     return {"latency": latency_table(options, ticks), "response_ticks": ticks}
@@ -64,14 +64,14 @@ def battery_trace(options: Options) -> dict[str, pd.DataFrame]:
 
 def perturb(options: Options) -> dict[str, pd.DataFrame]:
     """Bounded changes of the policy's commands, searched by differential evolution: `perturbed_front.csv`."""
-    from dualnav_lite.adversary import perturbed_front
+    from dualnav_lite.measures.adversary import perturbed_front
 
     return {"perturbed_front": perturbed_front(options)}
 
 
 def find_failures(options: Options) -> dict[str, pd.DataFrame]:
     """Scenario settings in which the policy fails, searched against random search: `failure_search.csv`."""
-    from dualnav_lite.adversary import failure_search
+    from dualnav_lite.measures.adversary import failure_search
 
     return {"failure_search": failure_search(options)}
 

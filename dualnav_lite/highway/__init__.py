@@ -14,11 +14,11 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from dualnav_lite import rewards, streams
-from dualnav_lite.cars import CarTransition, car_terms, gaps, predicted_intrusion, step_energy, time_gap
 from dualnav_lite.config import Config, UnusableInput
 from dualnav_lite.env import OneWorld
 from dualnav_lite.geometry import to_robot, wrap_angle
-from dualnav_lite.highway_tasks import HALF, TASKS
+from dualnav_lite.highway.cars import CarTransition, car_terms, gaps, predicted_intrusion, step_energy, time_gap
+from dualnav_lite.highway.tasks import HALF, TASKS
 from dualnav_lite.interface import checked_actions, checked_reset, restarted_infos
 from dualnav_lite.journal import Journal, outcome_of_contact
 from dualnav_lite.scenario import HIGHWAY_FOLDER, Scenario, all_scenarios, load_scenario

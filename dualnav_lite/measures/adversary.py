@@ -10,7 +10,7 @@ from dualnav_lite.chunks import Chunk
 from dualnav_lite.config import Config, UnusableInput, with_overrides
 from dualnav_lite.episodes import SEEDS
 from dualnav_lite.evaluate import library_arm, library_env, run_episodes
-from dualnav_lite.measures import Options
+from dualnav_lite.measures.tables import Options
 from dualnav_lite.pareto import goals_reached, hypervolume, on_front, reference_point, safe_distance
 from dualnav_lite.scenario import Scenario, load_scenario
 from dualnav_lite.survival import rows_of, survived

@@ -24,7 +24,7 @@ from dualnav_lite.config import Config, UnusableInput, write_atomic
 from dualnav_lite.deploy import MODEL_FOLDER, EmbeddedPolicy
 from dualnav_lite.env import DynamicNavVectorEnv
 
-PACKAGE = Path(__file__).resolve().parent
+PACKAGE = Path(__file__).resolve().parent.parent
 ROOTS = ("encoder", "tracking", "embedded")  # what `replay.py` imports
 LOGGED = ("scan", "pose", "map", "twist", "battery", "goal_robot", "guide_robot", "map_age_s", "preference")
 MOST_MB = 10.0

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dualnav_lite import peers
-from dualnav_lite.bench_learning import learning_rows
-from dualnav_lite.bench_rows import NOT_INSTALLED, Row, row_line, rows_csv
+from dualnav_lite.bench import peers
+from dualnav_lite.bench.learning import learning_rows
+from dualnav_lite.bench.rows import NOT_INSTALLED, Row, row_line, rows_csv
 from dualnav_lite.config import Config, with_overrides, write_atomic
 from dualnav_lite.interface import split_infos
 from dualnav_lite.layout import Layout, generate

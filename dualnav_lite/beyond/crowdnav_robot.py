@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from dualnav_lite.config import Config, with_overrides
-from dualnav_lite.crowdnav import (
+from dualnav_lite.beyond.crowdnav import (
     GOAL,
     HOLONOMIC,
     KNOWN,
@@ -22,6 +21,7 @@ from dualnav_lite.crowdnav import (
     make_case,
     run_holonomic,
 )
+from dualnav_lite.config import Config, with_overrides
 from dualnav_lite.deploy import make_driver
 from dualnav_lite.interface import split_infos
 from dualnav_lite.metrics import exact_interval, wilson_interval

@@ -4,10 +4,8 @@ import numpy as np
 import pandas as pd
 
 from dualnav_lite import streams
-from dualnav_lite.dqn import DQN, QNetwork, train_dqn
-from dualnav_lite.episodes import SEEDS
-from dualnav_lite.metrics import wilson_interval
-from dualnav_lite.streets import (
+from dualnav_lite.beyond.dqn import DQN, QNetwork, train_dqn
+from dualnav_lite.beyond.streets import (
     DAY_MIN,
     StreetsVectorEnv,
     Town,
@@ -18,6 +16,8 @@ from dualnav_lite.streets import (
     street_mask,
     weigh,
 )
+from dualnav_lite.episodes import SEEDS
+from dualnav_lite.metrics import wilson_interval
 
 GOAL = 48  # the corner of the town where the walker lives
 STEPS, WALKERS, HIDDEN = 60_000, 32, 128

@@ -1,0 +1,1 @@
+"""Measurements beside the survival table, a file each; `tables` knows them by name."""
