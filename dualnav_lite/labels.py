@@ -27,18 +27,17 @@ MIRRORED_BANDS = (1, 4, 6)  # omega, goal_sin, guide_sin change sign when left a
 
 
 class Teacher(Ceiling):
-    """The ceiling planner with a taste: what preference and charge ask for changes its speed and its margins.
+    """The ceiling planner with a taste: preference and charge change its speed, its turns and its margins.
 
     Thrift t = 2 p (1 + 3 (1 - charge)) is the factor of the energy reward. Without it the robot drives at the limit;
-    with it at a speed that leaves a three-hour run its charge and still has time for every goal. Thrift waits while a
-    crowd walks by: in the crossing a robot held to 0.4 m/s lost 4 of 100 runs, and spent more on its detours. Margins
-    shrink as the preference turns from safety to thrift.
+    with it at a speed that leaves a three-hour run its charge and still has time for every goal, and it turns less.
+    Thrift waits while a crowd walks by: in the crossing a robot held to 0.4 m/s lost 4 of 100 runs, and spent more on
+    its detours. Margins shrink as the preference turns from safety to thrift.
     """
 
     THRIFTY_M_S, FREE_M_S = 0.4, 0.8
-    SPEEDING_COST = (
-        2.0  # [m of way] for each m/s above the wanted speed; going faster gains 0.6, a collision costs more
-    )
+    SPEEDING_COST = 2.0  # [m of way] for each m/s above the wanted speed; faster gains 0.6, a collision costs more
+    TURNING_COST = 0.1  # [m of way] for each rad/s; dearer turns make the ways longer than they save
     CROWD, CROWD_M = 3, 3.2  # so many people walking so near, as far as the observation shows, are a crowd
 
     def costs_of(self, worlds: Sequence[int], infos: dict[str, Any]) -> np.ndarray:
@@ -48,12 +47,14 @@ class Teacher(Ceiling):
         for row, i in enumerate(worlds):
             truth = {name: values[i] for name, values in infos["truth"].items()}
             preference, charge = float(infos["preference"][i]), float(infos["battery"][i])
-            wanted = self.FREE_M_S if self._is_in_crowd(truth) else self.wanted_speed(preference, charge)
+            freedom = 1.0 if self._is_in_crowd(truth) else self.freedom(preference, charge)
             self.margins = 1.6 - 1.2 * preference
             self._parameters = usual.copy()
             self._parameters[[kernels.STATIC_SOFT, kernels.MOVING_SOFT]] *= self.margins
             self._score(i, {"truth": truth}, costs[row])
+            wanted = self.THRIFTY_M_S + (self.FREE_M_S - self.THRIFTY_M_S) * freedom
             costs[row] += self.SPEEDING_COST * np.maximum(np.abs(self._commands[:, 0]) - wanted, 0.0)
+            costs[row] += self.TURNING_COST * (1.0 - freedom) * np.abs(self._commands[:, 1])
         self._parameters = usual
         return costs
 
@@ -63,11 +64,11 @@ class Teacher(Ceiling):
         walks = np.hypot(*truth["circle_velocities"][:count].T) > WALKING_M_S
         return int((is_near & walks).sum()) >= self.CROWD
 
-    @classmethod
-    def wanted_speed(cls, preference: float, charge: float) -> float:
-        """Cruising speed [m/s]: from the limit without thrift to the thrifty one."""
+    @staticmethod
+    def freedom(preference: float, charge: float) -> float:
+        """From 1 without thrift towards 0: cruising speed rises with it from the thrifty one to the limit."""
         thrift = 2.0 * preference * (1.0 + 3.0 * (1.0 - charge))
-        return cls.THRIFTY_M_S + (cls.FREE_M_S - cls.THRIFTY_M_S) * float(np.exp(-(thrift**2)))
+        return float(np.exp(-(thrift**2)))
 
 
 def pack(observations) -> tuple[np.ndarray, np.ndarray]:

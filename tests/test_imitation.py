@@ -136,12 +136,25 @@ def test_fitting_brings_the_student_to_the_labels(labels):
 
 
 def test_more_thrift_means_a_slower_teacher():
-    teacher = Teacher(DRAWN)
-    speeds = [teacher.wanted_speed(preference, 0.6) for preference in (0.0, 0.25, 0.5, 1.0)]
-    assert speeds[0] == pytest.approx(0.8)
-    assert speeds == sorted(speeds, reverse=True)
-    assert teacher.wanted_speed(0.5, 0.15) < teacher.wanted_speed(0.5, 1.0)
-    assert teacher.wanted_speed(1.0, 0.15) == pytest.approx(Teacher.THRIFTY_M_S, abs=1e-3)
+    freedoms = [Teacher.freedom(preference, 0.6) for preference in (0.0, 0.25, 0.5, 1.0)]
+    assert freedoms[0] == 1.0
+    assert freedoms == sorted(freedoms, reverse=True)
+    assert Teacher.freedom(0.5, 0.15) < Teacher.freedom(0.5, 1.0)
+    assert Teacher.freedom(1.0, 0.15) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_thrift_turns_less_and_drives_slower():
+    env, teacher = DynamicNavVectorEnv(1, DRAWN, "navigation", truth=True), Teacher(DRAWN)
+    costs = {}
+    for preference in (0.0, 1.0):
+        _, infos = env.reset(seed=11, options={"preference": preference})
+        infos["battery"][0] = 0.2
+        costs[preference] = teacher.costs_of([0], infos)[0].reshape(9, 11)
+    teacher.SPEEDING_COST = teacher.TURNING_COST = 0.0
+    plain = teacher.costs_of([0], infos)[0].reshape(9, 11)
+    added = costs[1.0] - plain
+    assert added[2] == pytest.approx(Teacher.TURNING_COST * np.abs(teacher.grid[2, :, 1]), abs=1e-3)
+    assert added[8, 5] == pytest.approx(Teacher.SPEEDING_COST * (0.8 - Teacher.THRIFTY_M_S), abs=1e-3)
 
 
 @pytest.mark.parametrize(("walkers", "is_fast"), [(Teacher.CROWD - 1, False), (Teacher.CROWD, True)])
