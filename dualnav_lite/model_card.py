@@ -1,4 +1,4 @@
-"""The card of the shipped policy, `models/README.md`: written from the files, the training's log and evaluated rows."""
+"""The card of the shipped policy, `models/README.md`, and its table in the two READMEs: from files, log and rows."""
 
 import csv
 import hashlib
@@ -7,12 +7,28 @@ from pathlib import Path
 import pandas as pd
 import yaml
 
+from dualnav_lite.cases import all_cases
 from dualnav_lite.config import UnusableInput, write_atomic
 from dualnav_lite.deploy import MODEL_FOLDER, EmbeddedPolicy
+from dualnav_lite.notebooks import ROOT
 from dualnav_lite.predictor import load as load_predictor
+from dualnav_lite.scenario import load_scenario
 from dualnav_lite.survival import read_episodes, survival
 
 PREDICTOR_TABLE = MODEL_FOLDER.parent / "stress_tests" / "reference" / "predictor.csv"
+BEGIN, END = "<!-- written by: python -m dualnav_lite card -->", "<!-- end -->"
+READMES = {
+    "README.md": (
+        "| scenario | article | survived | exact 95 % |",
+        "{title} | {claim} | {survived:,} of {episodes:,} | {low:.1%} to {high:.1%}",
+        "The three-hour runs end with {least:.0%} to {most:.0%} of the charge (article: 15 %).",
+    ),
+    "README.zh-CN.md": (
+        "| 场景 | 文章 | 存活 | 精确 95 % 区间 |",
+        "{title} | {claim} | {episodes:,} 次中 {survived:,} 次 | {low:.1%} 至 {high:.1%}",
+        "三小时运行结束时剩余电量 {least:.0%} 至 {most:.0%}（文章：15 %）。",
+    ),
+}
 WHAT = {
     "ppo_actor.onnx": "the policy that `ppo` and `ppo_filter` drive with (ONNX Runtime, one thread)",
     "ppo_actor.pt": "the same as TorchScript",
@@ -62,6 +78,32 @@ def rate_table(rows: pd.DataFrame) -> list[str]:
     return lines
 
 
+def readme_lines(name: str, rows: pd.DataFrame) -> list[str]:
+    """What `ppo` does in the scenarios of the suite, for one of the READMEs, in its language."""
+    head, line, charge = READMES[name]
+    rows = rows[rows.arm == "ppo"]
+    found = {row.scenario: row for row in survival(rows).itertuples()}
+    lines = [head, "|---|---|---|---|"]
+    for scenario in (name for case in all_cases().values() for name in case.scenarios if name in found):
+        about, row = load_scenario(scenario), found[scenario]
+        numbers = {"survived": row.survived, "episodes": row.episodes, "low": row.exact_low, "high": row.exact_high}
+        title = about.title_zh if name.endswith("zh-CN.md") else about.title
+        claim = f"{about.article_claim:.0%}" if about.article_claim else ""
+        lines.append("| " + line.format(title=title, claim=claim, **numbers) + " |")
+    ends = rows[rows.scenario == "battery"].battery_end
+    return [*lines, "", charge.format(least=ends.min(), most=ends.max())] if len(ends) else lines
+
+
+def write_readmes(rows: pd.DataFrame, folder: Path = ROOT) -> None:
+    """Write the table between its two marks in each README."""
+    for name in READMES:
+        before, _, rest = (folder / name).read_text(encoding="utf-8").partition(BEGIN)
+        _, mark, after = rest.partition(END)
+        if not mark:
+            raise UnusableInput(f"{folder / name}: no '{BEGIN}' with '{END}' after it")
+        write_atomic(folder / name, before + "\n".join([BEGIN, *readme_lines(name, rows), mark]) + after)
+
+
 def predictor_lines(folder: Path, table: Path = PREDICTOR_TABLE) -> list[str]:
     """Where the shipped predictor comes from, and its rows beside constant velocity; nothing where none is shipped."""
     if not (folder / "predictor.pth").exists():
@@ -84,8 +126,10 @@ def predictor_lines(folder: Path, table: Path = PREDICTOR_TABLE) -> list[str]:
     return [*lines, *("| " + " | ".join(row) + " |" for row in cells), ""]
 
 
-def write_card(training: str, log: Path, rows: Path, commit: str, minutes: float, folder: Path = MODEL_FOLDER) -> Path:
-    """Write the card.
+def write_card(
+    training: str, log: Path, rows: Path, commit: str, minutes: float, folder: Path = MODEL_FOLDER, readmes: Path = ROOT
+) -> Path:
+    """Write the card and the table of the READMEs.
 
     Args:
         training: the config's path in the repository.
@@ -93,6 +137,7 @@ def write_card(training: str, log: Path, rows: Path, commit: str, minutes: float
         rows: an `episodes.csv` (also compressed) of the policy on tuning seeds.
         commit: of the code that trained; minutes: wall-clock time it took.
         folder: of the weights; the card goes beside them.
+        readmes: the folder of the two READMEs.
 
     Raises:
         UnusableInput: a file that is missing or unusable.
@@ -129,4 +174,5 @@ def write_card(training: str, log: Path, rows: Path, commit: str, minutes: float
     ]
     path = folder / "README.md"
     write_atomic(path, "\n".join(lines) + "\n")
+    write_readmes(table, readmes)
     return path
