@@ -8,7 +8,7 @@ from numba import njit
 from dualnav_lite.kernels.scan_noise import path_loss
 
 MOVES_M_S = 0.02  # slower than this the hull does not sweep anything: it turns on the spot
-BESIDE, LEAST = 3, 3  # beams to either side that are asked too; returns that make a hit, 2 cm wide at 1 m
+BESIDE, LEAST = 3, 3  # beams to either side that are asked too; returns among them that can make a hit
 FAINT = 0.08  # returns this faint, counted back to 1 m, are no surface; even at 5 lux one that is faces away
 TURNS_RAD_S = 0.3  # faster than this a command finds another heading by itself
 CLOSER_M = 1e-6  # a hull that is too close already may move as long as no step takes it closer than by rounding
