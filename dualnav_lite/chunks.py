@@ -17,6 +17,8 @@ from dualnav_lite.scenario import Scenario
 CHUNK_EPISODES = 50
 CHUNK_LONG_RUNS = 5  # a three-hour run is as long as 700 short ones
 KEY = ("scenario", "arm", "training_seed", "preference", "seed")  # order of the rows in `episodes.csv`
+PARTS_MARK = "::"  # between an arm and the folder of a student's parts
+NAME_LENGTH = 40  # characters of an arm in a file's name: some are paths, and a name has room for 255 bytes
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,21 @@ class Chunk:
         return rows[:1] == [list(COLUMNS)] and [row[seed] for row in rows[1:]] == [str(s) for s in self.seeds]
 
 
+def arm_name(arm: str) -> str:
+    """What rows and tables call an arm: its id, but for an arm with a student's parts, whose id holds absolute paths.
+
+    >>> arm_name("/home/me/parts/ppo_actor.onnx::/home/me/parts")
+    'ppo_actor + own parts'
+    >>> arm_name("astar@max_speed=0.5")
+    'astar@max_speed=0.5'
+    """
+    base, mark, folder = arm.partition(PARTS_MARK)
+    if not mark:
+        return arm
+    lies_inside = Path(base).parent == Path(folder)
+    return f"{Path(base).stem if lies_inside else base} + own parts"
+
+
 def sha256(text: str | bytes) -> str:
     """Hexadecimal SHA-256 of a text (as UTF-8) or of bytes."""
     return hashlib.sha256(text.encode("utf-8") if isinstance(text, str) else text).hexdigest()
@@ -54,7 +71,7 @@ def plan_chunks(arms: dict[str, str], scenarios: Sequence[Scenario], seeds: Sequ
     """The chunks of an evaluation, the same list whatever the number of workers, worlds and shards.
 
     A chunk's file is `<scenario>.<arm>.<first seed>.<hash>.csv`; the hash covers the resolved config, the scenario, the
-    arm's fingerprint, the seeds and the package's code, so a changed setting never meets an old chunk.
+    arm and its fingerprint, the seeds and the package's code, so a changed setting never meets an old chunk.
 
     Args:
         arms: arm id to the fingerprint of what stands behind it (weights' SHA-256; empty for planners).
@@ -65,8 +82,10 @@ def plan_chunks(arms: dict[str, str], scenarios: Sequence[Scenario], seeds: Sequ
         for arm, fingerprint in arms.items():
             for first in range(0, len(seeds), size):
                 part = tuple(seeds[first : first + size])
-                made_of = [dump_config(config), dump_config(scenario), fingerprint, part, code, list(COLUMNS)]
-                stem = re.sub(r"[^\w.-]", "_", f"{scenario.id}.{arm}.{part[0]}.{sha256(json.dumps(made_of))[:12]}")
+                name = arm_name(arm)
+                made_of = [dump_config(config), dump_config(scenario), name, fingerprint, part, code, list(COLUMNS)]
+                stem = f"{scenario.id}.{name[-NAME_LENGTH:]}.{part[0]}.{sha256(json.dumps(made_of))[:12]}"
+                stem = re.sub(r"[^\w.-]", "_", stem)
                 chunks.append(Chunk(scenario, arm, part, out / "chunks" / f"{stem}.csv"))
     return chunks
 
@@ -79,7 +98,7 @@ def run_json(fingerprints, scenarios, seeds, config) -> str:
         "config_sha256": sha256(dump_config(config)),
         "config": config.model_dump(mode="json"),
         "scenarios": {scenario.id: scenario.model_dump(mode="json") for scenario in scenarios},
-        "policy_sha256": fingerprints,
+        "policy_sha256": {arm_name(arm): fingerprint for arm, fingerprint in fingerprints.items()},
         "seeds": {"first": seeds[0], "last": seeds[-1], "count": len(seeds)},
     }
     return json.dumps(content, indent=1, ensure_ascii=False) + "\n"

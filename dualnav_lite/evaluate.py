@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from dualnav_lite.chunks import Chunk, merged, plan_chunks, run_json, sha256
+from dualnav_lite.chunks import PARTS_MARK, Chunk, arm_name, merged, plan_chunks, run_json, sha256
 from dualnav_lite.config import Config, UnusableInput, with_overrides, write_atomic
 from dualnav_lite.env import DynamicNavVectorEnv, split_infos
 from dualnav_lite.episodes import COLUMNS, rows_to_csv
@@ -19,8 +19,6 @@ from dualnav_lite.planners import make_planner as library_planner
 from dualnav_lite.scenario import Scenario, load_scenario
 from dualnav_lite.survival import read_episodes
 from dualnav_lite.workers import pool
-
-PARTS_MARK = "::"  # between an arm and the folder of a student's parts
 
 
 class _Crash(Exception):
@@ -82,7 +80,7 @@ def _row(chunk: Chunk, planner, seed: int, info: dict) -> dict:
 def _identity(chunk: Chunk, planner, seed: int) -> dict:
     """The columns that say which episode a row is about."""
     training_seed = getattr(planner, "training_seed", None)
-    return {"scenario": chunk.scenario.id, "arm": chunk.arm, "training_seed": training_seed, "seed": seed}
+    return {"scenario": chunk.scenario.id, "arm": arm_name(chunk.arm), "training_seed": training_seed, "seed": seed}
 
 
 def run_episodes(chunk: Chunk, seeds, config, num_envs, make_planner, make_env) -> list[dict]:
@@ -198,6 +196,9 @@ def evaluate(
         raise UnusableInput(f"shard must be k/n with 1 <= k <= n, got {index}/{count}")
     if not len(seeds) or len(set(seeds)) != len(seeds):
         raise UnusableInput(f"seeds must be distinct and at least one, got {len(seeds)} ({len(set(seeds))} distinct)")
+    names = [arm_name(arm) for arm in dict.fromkeys(arms)]
+    if len(set(names)) < len(names):
+        raise UnusableInput(f"one folder of parts at a time: the rows of several could not be told apart; got {names}")
     changes = dict(overrides or {}) | ({} if preference is None else {"preference": preference})
     config = with_overrides(config or Config(), changes)
     loaded = [load_scenario(name) for name in dict.fromkeys(scenarios)]

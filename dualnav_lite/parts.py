@@ -15,8 +15,8 @@ import nbformat
 
 from dualnav_lite.check import LESSONS, judge, lesson_of, reference
 from dualnav_lite.check.verdict import NotDone, Text, language_of
+from dualnav_lite.chunks import PARTS_MARK
 from dualnav_lite.config import UnusableInput, write_atomic
-from dualnav_lite.evaluate import PARTS_MARK
 
 SUMMARY = "parts.json"
 POLICY = "ppo_actor.onnx"  # what lesson 11 exports into `weights/`
@@ -30,6 +30,7 @@ STATES = {
 }
 YOURS = Text("{id}: yours", "{id}：使用你的实现")
 LIBRARY = Text("{id}: the library's ({state})", "{id}：使用库的实现（{state}）")
+EXPORTED = Text("{n} of your parts: {folder}", "你的部件共 {n} 个：{folder}")
 
 
 @dataclass(frozen=True)
@@ -127,15 +128,25 @@ def part(exercise: str, folder: str | Path = ".", lang: str | None = None) -> Ca
     return found.function
 
 
-def status(folder: str | Path = ".", lang: str | None = None) -> None:
-    """Print whose part is used for each exercise, and keep it in `parts.json` of the folder."""
-    language, found = language_of(lang), parts_in(folder)
+def status(folder: str | Path = ".", lang: str | None = None, export: str | Path | None = None) -> None:
+    """Print whose part is used for each exercise, and keep it in `parts.json` of the folder.
+
+    Args:
+        folder: with the notebooks.
+        lang: as in `check`.
+        export: another folder, which gets what is yours (`export_parts`).
+    """
+    language = language_of(lang)
+    found = export_parts(folder, export) if export else parts_in(folder)
     for lesson in LESSONS:
         print(lesson)
         for one in found.values():
             if one.lesson == lesson:
                 print("  " + _line(one, language))
     write_atomic(Path(folder) / SUMMARY, _summary(found))
+    if export:
+        count = sum(one.is_yours for one in found.values())
+        print(EXPORTED[("en", "zh").index(language)].format(n=count, folder=export))
 
 
 def _summary(parts: dict[str, Part]) -> str:

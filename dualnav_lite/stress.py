@@ -175,6 +175,9 @@ def run_cases(plan: Plan) -> list[tuple[str, str]]:
     failed, names = [], list(all_cases())
     for number, name in enumerate(names, start=1):
         given = plan.parameters(name)
+        if not given["episodes"]:
+            (plan.out / name / "episodes.csv").unlink(missing_ok=True)  # an earlier run's
+            continue
         what = f"seeds {given['episodes']}, arms {', '.join(given['arms'])}"
         print(f"[{number}/{len(names)}] {name}: {what}", file=sys.stderr, flush=True)
         rows, reason = plan.out / name / "episodes.csv", ""

@@ -12,6 +12,7 @@ import pytest
 
 from dualnav_lite import course, notebooks, parts, submission
 from dualnav_lite.check import LESSONS
+from dualnav_lite.commands.teaching import lessons_in
 from dualnav_lite.config import Config, UnusableInput
 from dualnav_lite.evaluate import evaluate, library_arm
 from dualnav_lite.exercises import BEGIN, stub, student_notebook
@@ -123,7 +124,8 @@ def test_an_arm_drives_in_worlds_with_the_students_parts(tmp_path):
     parts.export_parts(tmp_path, tmp_path / "我的 部件")
     (arm,) = parts.arms_with_parts(tmp_path / "我的 部件", ["stand_still"])
     both = evaluate([arm, "stand_still"], ["navigation"], range(1_000_000, 1_000_002), tmp_path / "out", progress=False)
-    is_mine = both.arm.str.startswith("stand_still::")
+    assert set(both.arm) == {"stand_still", "stand_still + own parts"}  # no path of this machine
+    is_mine = both.arm != "stand_still"
     mine, librarys = both[is_mine], both[~is_mine]
     assert len(mine) == len(librarys) == 2
     columns = [name for name in both.columns if name.startswith("r_")]
@@ -131,6 +133,21 @@ def test_an_arm_drives_in_worlds_with_the_students_parts(tmp_path):
     assert library_arm(arm, Config()).fingerprint != getattr(library_arm("stand_still", Config()), "fingerprint", "")
     with pytest.raises(UnusableInput, match=r"parts\.json"):
         parts.arms_with_parts(tmp_path, ["stand_still"])
+
+
+def test_a_status_exports_what_is_yours_and_takes_the_folder_that_a_student_works_in(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UnusableInput, match="no such folder"):
+        lessons_in(None)
+    (tmp_path / "notebooks").mkdir()
+    assert lessons_in(None).name == "notebooks"
+    course.write_lessons("course")
+    assert lessons_in(None).name == "course"
+    source = "def safe(c):\n    return -10.0 * np.clip(0.3 - np.maximum(c, 0.0), 0.0, 0.3) ** 2"
+    solve(tmp_path / "course" / "07_rewards.ipynb", "safe", source)
+    parts.status("course", "zh", export="mine")
+    assert capsys.readouterr().out.splitlines()[-1] == "你的部件共 1 个：mine"  # noqa: RUF001
+    assert list(parts.load_parts("mine")) == ["safe"]
 
 
 def test_a_students_part_travels_to_the_processes_that_simulate(capsys):

@@ -203,6 +203,18 @@ def test_three_hours_have_arms_and_a_count_of_their_own(tmp_path):
         assert case.is_long == (name == "battery")
 
 
+def test_three_hours_can_be_left_out_and_an_earlier_run_s_do_not_stand_for_them(monkeypatch, tmp_path):
+    chosen = {name: all_cases()[name] for name in ("pop_up", "battery")}
+    for module in (stress, judge):
+        monkeypatch.setattr(module, "all_cases", lambda: chosen)
+    monkeypatch.setattr(stress, "run_notebook", pretended({}))
+    (tmp_path / "battery").mkdir()
+    (tmp_path / "battery" / "episodes.csv").write_text("an earlier run", encoding="utf-8")
+    tables, failed = stress.run_stress(a_plan(tmp_path, long_runs=0))
+    assert failed == []
+    assert "battery" not in set(tables["episodes"].scenario)
+
+
 def test_shards_merged_are_the_whole_and_a_missing_one_is_named(monkeypatch, tmp_path, two_cases):
     def run_notebook(notebook, output, given, progress=None):
         if notebook.stem == "case":

@@ -9,7 +9,7 @@ import typer
 from dualnav_lite.commands import CORES, TEST_SEED, Cluster, Episodes, Jobs, Seeds, Shard, app, words
 
 Arms = Annotated[str, typer.Option(help="Arms, separated by commas, or all; ppo,ppo_filter if empty.")]
-LongRuns = Annotated[int, typer.Option(min=1, help="Seeds of the three-hour scenario, driven by the first arm.")]
+LongRuns = Annotated[int, typer.Option(min=0, help="Three-hour runs, driven by the first arm; 0 leaves them out.")]
 Quick = Annotated[bool, typer.Option("--quick", help="5 seeds and one three-hour run.")]
 Preference = Annotated[float, typer.Option(min=0, max=1, help="0 all safety, 1 all thrift.")]
 Results = Annotated[Path | None, typer.Option(help="Results folder; stress_tests/results if not given.")]
@@ -20,7 +20,8 @@ def stress_plan(arms, episodes, long_runs, quick, seed_base, jobs, shard, cluste
     from dualnav_lite.stress import FOLDER, POLICY_ARMS, Plan, all_arms, shard_of
     from dualnav_lite.workers import checked_address
 
-    chosen = all_arms() if arms == "all" else words(arms or ",".join(POLICY_ARMS))
+    listed = arms if isinstance(arms, list) else words(arms or ",".join(POLICY_ARMS))
+    chosen = all_arms() if arms == "all" else listed
     shard_of(shard)
     return Plan(
         arms=chosen,
@@ -77,11 +78,12 @@ def stress(
     from dualnav_lite.pace import estimate
     from dualnav_lite.stress import run_stress
 
+    chosen: str | list[str] = arms
     if parts:
         from dualnav_lite.parts import arms_with_parts
 
-        arms = ",".join(arms_with_parts(parts, words(arms) if arms else []))
-    plan = stress_plan(arms, episodes, long_runs, quick, seed_base, jobs, shard, cluster, preference, out)
+        chosen = arms_with_parts(parts, words(arms) if arms else [])
+    plan = stress_plan(chosen, episodes, long_runs, quick, seed_base, jobs, shard, cluster, preference, out)
     if arms == "all":
         print(estimate(plan), file=sys.stderr, flush=True)
     return show_stress(plan, *run_stress(plan))

@@ -8,6 +8,20 @@ import typer
 from dualnav_lite.commands import app
 from dualnav_lite.config import UnusableInput
 
+LESSONS = "Folder with your notebooks; course/ (`lab --student`) if not given and there, else notebooks/."
+
+
+def lessons_in(folder: Path | None) -> Path:
+    """The folder that was named, or the one that a student works in here.
+
+    Raises:
+        UnusableInput: there is none.
+    """
+    found = folder or next((Path(name) for name in ("course", "notebooks") if Path(name).is_dir()), Path("notebooks"))
+    if not found.is_dir():
+        raise UnusableInput(f"{found}: no such folder")
+    return found
+
 
 @app.command()
 def notebooks(
@@ -48,34 +62,28 @@ def release(
 
 @app.command()
 def status(
-    folder: Annotated[Path, typer.Argument(help="Folder with the lessons' notebooks.")] = Path("notebooks"),
+    folder: Annotated[Path | None, typer.Argument(help=LESSONS)] = None,
     export: Annotated[Path | None, typer.Option(help="Write your parts here, for `stress --parts`.")] = None,
     lang: Annotated[str | None, typer.Option(help="en or zh; $DUALNAV_LANG if not given.")] = None,
 ) -> int:
     """Which exercises pass, and whose part is used for each; with --export, your parts as a folder."""
     from dualnav_lite import parts
 
-    if not folder.is_dir():
-        raise UnusableInput(f"{folder}: no such folder")
-    parts.status(folder, lang)
-    if export:
-        found = parts.export_parts(folder, export)
-        print(f"{sum(one.is_yours for one in found.values())} of your parts: {export}")
+    parts.status(lessons_in(folder), lang, export)
     return 0
 
 
 @app.command()
 def submit(
     student: Annotated[str, typer.Argument(help="Your id, as your teacher knows it.")],
-    folder: Annotated[Path, typer.Option(help="Folder with your notebooks.")] = Path("notebooks"),
+    folder: Annotated[Path | None, typer.Option(help=LESSONS)] = None,
     out: Annotated[Path | None, typer.Option(help="submission_STUDENT if not given.")] = None,
     episodes: Annotated[int, typer.Option(min=0, help="Runs of each scenario; 0 leaves them out.")] = 50,
 ) -> int:
     """Check your notebooks, drive your policy a little, and pack the folder that is handed in."""
     from dualnav_lite import submission
 
-    if not folder.is_dir():
-        raise UnusableInput(f"{folder}: no such folder")
+    folder = lessons_in(folder)
     target = submission.pack(folder, student, out or Path(f"submission_{student}"))
     if episodes:
         submission.try_out(folder, target, episodes)

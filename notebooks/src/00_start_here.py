@@ -126,13 +126,14 @@ both = {"astar": astar["info"]["episode"], "cv_sampling": sampling["info"]["epis
 pd.DataFrame(both).loc[rows]
 
 # %% [markdown]
-# `cv_sampling` is better in both here: it *dominates*. By one joule, though, and one run is an anecdote. `python kit.py
-# stress` runs hundreds, on the same seeds for each arm, and prints intervals.
+# `cv_sampling` is better in both numbers here: it *dominates*. But one run is an anecdote. `python kit.py stress` runs
+# hundreds, on the same seeds for each *arm* (whatever drives: a planner or a policy), and prints intervals.
 #
 # ## 3. Four channels
 #
 # This is all that a policy sees: four images of 64 x 64 cells, 0.1 m each, the robot in the middle, looking up. Five
-# people are about to cross its way.
+# people are about to cross its way. (The first image shows them, too: what the lidar sees just now is laid over the map.
+# In the map itself nobody stays.)
 
 # %%
 crowd = drive(planned("astar"), "crowd_crossing", seed=1, steps=50, every=50)

@@ -85,7 +85,7 @@ def draw_until(steps):
         ahead = 0.2 * np.array([np.cos(heading[-1]), np.sin(heading[-1])])
         axis.plot([x[-1], x[-1] + ahead[0]], [y[-1], y[-1] + ahead[1]], color=colour, linewidth=4)
     axis.set(xlim=(-0.7, 2.8), ylim=(-0.3, 2.6), aspect="equal", xlabel="x [m]", ylabel="y [m]")
-    figure.legend(loc="outside right upper", fontsize=8)
+    axis.legend(loc="upper left", fontsize=8)
     return figure
 
 
@@ -261,9 +261,9 @@ print(f"astar: {astar.j_per_m[0]:.0f} J/m alone, {astar.j_per_m[5]:.0f} J/m amon
 summary.round(2)
 
 # %% [markdown]
-# Without people both arrive always, and keep more than half a metre of room. With five people they pay more for each
-# metre, pass within centimetres, and run into somebody in every second hall. The map says where people *are*; what
-# a robot needs to know is where they *will be*. That is lesson 05.
+# Without people both arrive always, and keep more than half a metre of room. With five people they stop and go, pay more
+# for each metre, pass within centimetres, and do not always arrive: A\* runs into somebody in every second hall. The map
+# says where people *are*; what a robot needs to know is where they *will be*. That is lesson 05.
 #
 # ## Change this one line and look
 #

@@ -276,11 +276,12 @@ def draw_crops(step):
     figure, axes = plt.subplots(1, 4, figsize=(11, 3.1))
     for axis, (name, image) in zip(axes, frames[step].items(), strict=True):
         show_crop(axis, image, f"{name}: {right[name][step]:.2f}")
+    axes[0].set_ylabel("ahead [m]")
     return figure
 
 
 if quick:
-    draw_crops(int(right["no cache"].argmin()))
+    draw_crops(int((right["yours"] - right["no cache"]).argmax()))
     plt.show()
 else:
     display(film([photo(draw_crops(step)) for step in range(0, len(frames), 4)], 300, 900))

@@ -181,7 +181,7 @@ plt.show()
 # Straight lines are a strong rival, and a forecast that is not shown beside them says little. The LSTM gains most where
 # things *stop*, the boxes of `pop_up`: a straight line never does.
 #
-# A few hundred movers give a rate to about five points. `models/README.md` has the same table on twelve thousand.
+# A few hundred movers give a rate to about five points. `models/README.md` has the same table on thirteen thousand.
 #
 # ## 4. Watch it
 
@@ -207,7 +207,7 @@ def draw_forecast(frame):
         axis.plot([], [], color=colour, label=name)
     axis.plot(0, 0, marker="^", color="black", markersize=9)
     axis.set(**LIMITS)
-    axis.legend(loc="lower left", fontsize=8)
+    figure.legend(loc="outside upper center", ncols=3, fontsize=8)
     return figure
 
 

@@ -32,6 +32,8 @@ lesson_style()
 # ## 1. Your robot
 #
 # From earlier lessons: what passes there is used here, in place of the library's. Who got stuck goes on all the same.
+# (Save the earlier notebook first: `part` reads the file. `python kit.py status`, or `status()` from
+# `dualnav_lite.parts`, lists all parts and whose they are.)
 
 # %%
 encode_state = part("encode_state")
@@ -93,9 +95,9 @@ except ValueError as error:
 
 
 # %% [markdown]
-# It raises under the very version that the article pins. Mend that line, and three mistakes remain: `state` holds a pair, since
-# `reset` gives two values; nothing breaks out of the loop at `done`, so it goes on after the end; and an episode that is
-# cut off by the clock looks like any other.
+# It raises under the very version that the article pins. Mend that line, and three mistakes remain: `state` holds a pair,
+# since `reset` gives two values; nothing breaks out of the loop at `done`, so it goes on after the end; and an episode
+# that is cut off by the clock looks like any other.
 #
 # **Exercise `closed_loop`** (easy, very important, 10 minutes). Drive one episode from `env.reset(seed=seed)` to its end.
 # `choose(observation, info)` gives an action. Return a dictionary: `reward` (the sum), `steps`, and `ended`, which is
@@ -153,16 +155,17 @@ arrived = table.groupby("driver", sort=False).arrived.sum()
 print(f"of {len(ROOMS)} rooms: " + ", ".join(f"{name} {count}" for name, count in arrived.items()))
 # expect: of 6 rooms: straight on 0, A* 6, cv_sampling 6
 
+# %% [markdown]
+# A run at the lower edge, clearance 0, is a contact. Up and to the left is better in both numbers; no driver is there in
+# every room.
+
 # %%
 if not quick:
     picked = {"encoder": encode_state, "reward_function": reward_terms}
     display(film(drive(planned("cv_sampling"), seed=5, every=3, **picked)["pictures"]))
 
 # %% [markdown]
-# A run at the lower edge, clearance 0, is a contact. Up and to the left is better in both numbers; no driver is there in
-# every room.
-#
-# ## 4. An environment in under 50 lines
+# ## 4. A training program in under 50 lines
 #
 # Add a policy that learns in this loop, and that is the article's whole training program: `training/closed_loop.py` holds
 # it, mended, in 42 lines. Lessons 09 to 11 fill it with life.

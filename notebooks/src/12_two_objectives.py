@@ -206,6 +206,8 @@ def show_room():
 show_room()
 
 # %% [markdown]
+# Up and to the left again. Do the policy's three points stand in the order of $p$? In one room they need not.
+#
 # Beat your own star: bring the robot there with the sliders, then run the cell after the next one.
 
 # %%
@@ -239,8 +241,8 @@ with_preference(0.2)
 sliders(with_preference, preference=(0.0, 1.0, 0.1, 0.8))
 
 # %% [markdown]
-# One room again. `python kit.py measure front` asks on hundreds, for the policy and for planners with their knobs, and
-# `python kit.py evaluate weights/ppo_actor.onnx --preference 0.2` asks yours of lesson 11.
+# One room again. `python kit.py measure front` asks on hundreds, for the policy and for planners with their knobs. Yours of
+# lesson 11 is asked by `python ../kit.py evaluate weights/ppo_actor.onnx --preference 0.2`, in the folder of this notebook.
 #
 # ## Change this one line and look
 #

@@ -21,6 +21,8 @@ from IPython.display import Markdown, display
 from PIL import Image
 
 from dualnav_lite import stress
+from dualnav_lite.chunks import arm_name
+from dualnav_lite.episodes import cell_text
 from dualnav_lite.survival import failures, survival
 from dualnav_lite.traces import picture
 
@@ -67,8 +69,9 @@ failed
 # The end of the first failed short run: the trail shows how the robot came there.
 
 # %%
+drivers = {cell_text("arm", arm_name(one)): one for one in arms}  # the arm behind a row's name
 for run in failed[failed.time_s < 600].head(1).itertuples():
-    display(Image.fromarray(picture(run.arm, run.scenario, run.seed)))
+    display(Image.fromarray(picture(drivers[run.arm], run.scenario, run.seed)))
 
 # %% [markdown]
 # ## Change this one line and look
