@@ -175,6 +175,11 @@ def warm(python, variables):
                 file.write(wanted)
 
 
+def is_students_version():
+    """Whether a teacher released this folder: the lessons' sources hold the solutions and stay behind."""
+    return not os.path.isdir(os.path.join(ROOT, "notebooks", "src"))
+
+
 def command_line(python, command, options):
     """Arguments and working folder of a command."""
     if command == "lab":
@@ -217,6 +222,10 @@ def main(arguments):
     is_graders = command == "grade" or (command == "release" and "--check" in options)
     if is_graders and not os.path.isdir(os.path.join(ROOT, "grading")):
         stop("grading stays with the teacher: it is not in the student version", 2)
+    if command == "test" and not os.path.isdir(os.path.join(ROOT, "tests")):
+        stop("the tests stay with the teacher; what works here: python kit.py doctor", 2)
+    if is_students_version():
+        options = [option for option in options if option != "--student"]  # its lessons are the student's already
     in_environment = sys.prefix != sys.base_prefix
     python = sys.executable if in_environment and not unmet() else own_environment()
     variables = settings()

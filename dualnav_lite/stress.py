@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from dualnav_lite.cases import all_cases, load_case
-from dualnav_lite.chunks import plan_chunks
+from dualnav_lite.chunks import arm_name, plan_chunks
 from dualnav_lite.config import Config, UnusableInput, with_overrides, write_atomic
 from dualnav_lite.evaluate import evaluate, library_arm
 from dualnav_lite.judge import judge_folder
@@ -178,7 +178,7 @@ def run_cases(plan: Plan) -> list[tuple[str, str]]:
         if not given["episodes"]:
             (plan.out / name / "episodes.csv").unlink(missing_ok=True)  # an earlier run's
             continue
-        what = f"seeds {given['episodes']}, arms {', '.join(given['arms'])}"
+        what = f"seeds {given['episodes']}, arms {', '.join(map(arm_name, given['arms']))}"
         print(f"[{number}/{len(names)}] {name}: {what}", file=sys.stderr, flush=True)
         rows, reason = plan.out / name / "episodes.csv", ""
         try:

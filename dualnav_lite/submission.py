@@ -77,7 +77,8 @@ def try_out(notebooks: str | Path, out: str | Path, episodes: int, say: Callable
     except UnusableInput:
         arms = [str((Path(notebooks) / "weights" / POLICY).resolve())]
     seeds = range(FIRST_SEED, FIRST_SEED + episodes)
-    table = survival(evaluate(arms, list(SCENARIOS), seeds, folder / "results", progress=False))
+    say(f"your policy drives: {episodes} runs of each of {len(SCENARIOS)} scenarios")
+    table = survival(evaluate(arms, list(SCENARIOS), seeds, folder / "results"))
     for row in table.itertuples():
         say(f"{row.scenario}: survived {row.survived} of {row.episodes}")
         say(f"  a longer run finds {row.wilson_low:.0%} to {row.wilson_high:.0%} (95 %)")

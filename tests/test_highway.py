@@ -140,6 +140,19 @@ def test_the_world_of_cars_keeps_the_interfaces_promises(scenario):
     assert len(np.unique(runs[0][:, 1])) > 5
 
 
+@pytest.mark.parametrize("scenario", ["parking", "traffic"])
+def test_a_picture_shows_the_car_where_there_is_no_display(scenario):
+    env = HighwayEnv(config_of(scenario, 0.5), render_mode="rgb_array")
+    env.reset(seed=4)
+    before = env.render()
+    assert before.ndim == 3
+    assert len(np.unique(before.reshape(-1, 3), axis=0)) > 3  # road, lines, cars: not black
+    for _ in range(5):
+        env.step([1.0, 0.0])
+    assert (env.render() != before).any()
+    env.close()
+
+
 def test_a_car_that_drives_on_hits_a_wall_and_its_page_says_so():
     env = HighwayEnv(config_of("parking", 0.25))
     env.reset(seed=3)

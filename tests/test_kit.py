@@ -147,6 +147,15 @@ def test_slow_tests_run_only_when_asked_for(kit):
     assert kit.command_line("python", "test", ["--slow", "-x"])[0] == ["python", "-m", "pytest", "-m", "", "-x"]
 
 
+def test_a_student_s_version_says_where_tests_and_grading_are(tmp_path):
+    shutil.copy2(ROOT / "kit.py", tmp_path)
+    for command in ("test", "grade"):
+        done = run_kit(tmp_path, command)
+        assert done.returncode == UNUSABLE
+        assert "the teacher" in done.stderr
+        assert done.stderr.count("\n") == 1
+
+
 def run_kit(folder, *arguments):
     """kit.py of a folder, run by this environment's Python from another folder."""
     command = [sys.executable, str(folder / "kit.py"), *arguments]

@@ -231,6 +231,10 @@ class HighwayVectorEnv(gymnasium.vector.VectorEnv):
         """(n,) tuple of (H, W, 3) uint8 pictures, drawn by highway-env."""
         if self.render_mode != "rgb_array":
             raise gymnasium.error.Error("render() needs render_mode='rgb_array'")
+        for task in self.tasks:
+            if task.env.viewer is None:
+                task.env.render()  # makes the viewer, which then thinks that without a display nothing can be drawn
+                task.env.viewer.enabled = True
         return tuple(task.env.render() for task in self.tasks)
 
     def close_extras(self, **kwargs):
