@@ -15,6 +15,8 @@ RubricFile = Annotated[Path | None, typer.Option(help="In place of grading/rubri
 Tier = Annotated[str, typer.Option(help="A or B; the best that works if empty.")]
 Overrides = Annotated[Path | None, typer.Option(help="CSV: student_id,exercise,points,reason.")]
 Times = Annotated[Path | None, typer.Option(help="CSV: student_id,submitted (ISO time); with --due.")]
+Jobs = Annotated[int, typer.Option(min=1, help="Sandboxes side by side.")]
+Cluster = Annotated[str, typer.Option(help="tcp://host:port of a Dask scheduler in place of --jobs.")]
 Due = Annotated[str, typer.Option(help="When the work was due, ISO time; later costs what the rubric says.")]
 
 
@@ -52,7 +54,8 @@ def grade(
     folder: Annotated[Path, typer.Argument(help="Submissions, a folder a student, or Moodle's bulk download.")],
     key: Key = None,
     out: Out = Path("grades"),
-    jobs: Annotated[int, typer.Option(min=1, help="Sandboxes side by side.")] = 1,
+    jobs: Jobs = 1,
+    cluster: Cluster = "",
     shard: Annotated[str, typer.Option(help="k/n: every n-th submission from the k-th; `merge` joins them.")] = "1/1",
     only: Annotated[str, typer.Option(help="Grade this student again, and nobody else.")] = "",
     tier: Tier = "",
@@ -91,13 +94,54 @@ def grade(
     late = late_shares(times, due, rules.late)
     with prepared(rules, secret, chosen, Limits()) as room:
         rows, lost = grade_class(
-            folder, out, room, jobs=jobs, shard=(index, count), only=only, overrides=changed, late=late
+            folder, out, room, jobs=jobs, cluster=cluster, shard=(index, count), only=only, overrides=changed, late=late
         )
     students = len({row["student_id"] for row in rows})
     print(f"{students} submissions graded in tier {chosen}: {out}")
     if lost:
         print(f"{lost} stayed ungraded; the same command tries them again", file=sys.stderr)
     return 1 if lost else 0
+
+
+@app.command()
+def example(
+    out: Annotated[Path | None, typer.Option(help="Folder of results and tables; none is kept if empty.")] = None,
+    jobs: Jobs = 1,
+    cluster: Cluster = "",
+    tier: Tier = "",
+    update: Annotated[bool, typer.Option("--update", help="Make the class and its expected table anew.")] = False,
+) -> int:
+    """Grade the example class and compare its table with the expected one."""
+    import os
+    import tempfile
+
+    from grading.example import differences, grade_example
+    from grading.sandbox import PREFIX
+
+    with tempfile.TemporaryDirectory(prefix=f"{PREFIX}{os.getpid()}-") as folder:  # swept where we are killed
+        table = grade_example(out or Path(folder) / "grades", jobs=jobs, cluster=cluster, tier=tier, update=update)
+    wrong = differences(table)
+    for line in wrong:
+        print(f"DIFFERS: {line}")
+    print(
+        f"{len(wrong)} rows differ from grading/example/grades.csv"
+        if wrong
+        else "grading/example/grades.csv, row by row"
+    )
+    return 1 if wrong else 0
+
+
+@app.command()
+def generate(
+    count: Annotated[int, typer.Argument(min=1, max=5000, help="How many students.")],
+    folder: Annotated[Path, typer.Argument(help="A new folder for what they hand in.")],
+) -> int:
+    """Hand in for a class of any size, to see how long grading takes here; its end says with which rubric."""
+    from grading.example import hand_in_many
+
+    rubric = hand_in_many(count, folder)
+    print(f"{count} submissions: {folder}; grade them with --rubric {rubric}")
+    return 0
 
 
 @app.command()

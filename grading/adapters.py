@@ -99,6 +99,130 @@ def value_loss(names, given, kept):
     return _loss(_theirs(names, "value_loss")(values, _tensor(given["returns"])), {"values": values})
 
 
+def _ego(given, **more):
+    from dualnav_lite.encoder import Ego
+
+    names = ("twist", "battery", "goal_robot", "guide_robot", "map_age_s", "preference")
+    values = {name: given[name].item() if given[name].ndim == 0 else given[name].copy() for name in names}
+    return Ego(**values, **more)
+
+
+def paint_bands(names, given, kept):
+    return {"image": _numbers(_theirs(names, "paint_bands")(_ego(given)))}
+
+
+def project_intensity(names, given, kept):
+    return {"image": _numbers(_theirs(names, "project_intensity")(given["scan"].copy()))}
+
+
+def encode_state(names, given, kept):
+    from dualnav_lite.motion import Prediction
+
+    forecast = Prediction(*(given[name].copy() for name in ("positions", "velocities", "valid", "radii")))
+    arrays = (given[name].copy() for name in ("scans", "poses", "map_crop"))
+    image = _numbers(_theirs(names, "encode_state")(*arrays, _ego(given, forecast=forecast)))
+    channels = ("static", "motion", "ego", "intensity")
+    return dict(zip(channels, image if image.shape == (4, 64, 64) else [image] * 4, strict=True))
+
+
+class _Script:
+    """An environment that is written down beforehand; after its end nothing more happens."""
+
+    def __init__(self, given):
+        self.given, self.steps, self.actions, self.seed = given, 0, [], -1.0
+
+    def _state(self):
+        k = min(self.steps, len(self.given["rewards"]))
+        return self.given["observations"][k].copy(), {"number": self.given["numbers"][k].item()}
+
+    def reset(self, *, seed=None, options=None):
+        self.seed, self.steps, self.actions = float(-1 if seed is None else seed), 0, []
+        return self._state()
+
+    def step(self, action):
+        length = len(self.given["rewards"])
+        if self.steps < length:
+            self.actions.append(float(action))
+        reward = self.given["rewards"][self.steps].item() if self.steps < length else 0.0
+        self.steps += 1
+        observation, info = self._state()
+        is_last, is_terminated = self.steps == length, bool(self.given["is_terminated"])
+        if self.steps > length:
+            return observation, reward, True, True, info  # a loop that went on past the end comes to one
+        return observation, reward, is_last and is_terminated, is_last and not is_terminated, info
+
+
+def closed_loop(names, given, kept):
+    env = _Script(given)
+
+    def choose(observation, info):
+        return float(observation @ given["gain"]) + info["number"]
+
+    told = _theirs(names, "closed_loop")(env, choose, given["seed"].item())
+    actions = np.zeros(len(given["rewards"]))
+    actions[: len(env.actions)] = env.actions
+    ends = {"terminated": 1.0, "truncated": 0.0}
+    return {
+        "seed": _numbers(env.seed),
+        "actions": actions,
+        "steps": _numbers(told["steps"]),
+        "reward": _numbers(told["reward"]),
+        "is_terminated": _numbers(ends[told["ended"]]),
+    }
+
+
+class _InOrder:
+    """In place of a random generator: what it mixes stays in order, so that minibatches are the same for everybody."""
+
+    def permutation(self, samples):
+        return np.arange(samples) if np.ndim(samples) == 0 else np.array(samples)
+
+    def shuffle(self, samples):
+        pass
+
+
+def update(names, given, kept):
+    import torch
+    from torch import nn
+
+    from dualnav_lite.ppo import PPO, Batch
+
+    class Head:
+        def judge(self, logits, actions):
+            log_p = torch.log_softmax(logits, dim=1)
+            return log_p.gather(1, actions[:, None])[:, 0], -(log_p.exp() * log_p).sum(dim=1)
+
+    def linear(name):
+        weights, bias = _tensor(given[f"{name}_weights"]), _tensor(given[f"{name}_bias"])
+        layer = nn.Linear(weights.shape[1], weights.shape[0], dtype=weights.dtype)
+        with torch.no_grad():
+            layer.weight.copy_(weights)
+            layer.bias.copy_(bias)
+        return layer
+
+    actor, critic = linear("actor"), linear("critic")
+    actor.head = Head()
+    optimizers = torch.optim.SGD(actor.parameters(), lr=0.3), torch.optim.SGD(critic.parameters(), lr=0.1)
+    seen, returns = _tensor(given["observations"]), _tensor(given["returns"])
+    kept_samples = [_tensor(given[name]) for name in ("actions", "log_probs", "advantages")]
+    batch = Batch(seen, *kept_samples, returns, critic(seen).detach())
+    whole = {name: int(given[name].item()) for name in ("epochs", "minibatch")}
+    rates = ("clip_range", "entropy_coef", "max_gradient_norm", "target_kl")
+    settings = PPO(**whole, **{name: given[name].item() for name in rates}, threads=1)
+    told = _theirs(names, "update")(actor, critic, optimizers, batch, settings, _InOrder())
+
+    def parameters(layer):
+        return np.column_stack([layer.weight.detach().numpy(), layer.bias.detach().numpy()])
+
+    found = {"actor": parameters(actor)}
+    if given["epochs"] <= 4:
+        found |= {"critic": parameters(critic), "advantages": batch.advantages.numpy()}
+    if given["epochs"] == 1 and given["entropy_coef"] == 0.0 and given["max_gradient_norm"] > 1.0:
+        wanted = ("policy_loss", "value_loss", "entropy", "approx_kl")
+        found["numbers"] = np.array([float(told[name]) for name in wanted])
+    return found
+
+
 def _driver(path: str):
     """Who answers observations: an exported network, or weights in the library's own one."""
     with open(path, "rb") as file:
@@ -162,7 +286,12 @@ ADAPTERS = {
     "reward_terms": reward_terms,
     "reward_weights": reward_weights,
     "gae": gae,
+    "paint_bands": paint_bands,
+    "project_intensity": project_intensity,
+    "encode_state": encode_state,
+    "closed_loop": closed_loop,
     "policy_loss": policy_loss,
     "value_loss": value_loss,
+    "update": update,
     "policy": policy,
 }

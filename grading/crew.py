@@ -1,19 +1,17 @@
 """Worker processes that grade, one submission at a time each; one that dies costs its submission one retry."""
 
 import ctypes
-import json
 import multiprocessing
 import os
 import signal
-import time
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import cast
 
 from grading.intake import Submission
 from grading.room import Room
-from grading.store import to_json, write_whole
-from grading.submission import grade_one
+from grading.store import write_result, write_whole
+from grading.submission import grade_timed
 
 PARENT_DEATH = 1  # PR_SET_PDEATHSIG
 
@@ -26,14 +24,11 @@ def _work(pipe, room: Room, parent: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent gets it too and ends us
     while (task := pipe.recv()) is not None:
         submission, path = task
-        start = time.time()
-        result = grade_one(room, submission)
-        if any(outcome["status"] == "ungraded" for outcome in result["outcomes"].values()):
-            pipe.send("ungraded")  # nothing is kept, so the next run tries again
+        result, times = grade_timed(room, submission)
+        if result is None:
+            pipe.send("ungraded")
             continue
-        times = {"student_id": submission.student_id, "started": round(start), "seconds": round(time.time() - start, 1)}
-        write_whole(path.with_suffix(".times"), json.dumps(times).encode("utf-8"))
-        write_whole(path, to_json(result))
+        write_result(path, result, times)
         pipe.send("done")
 
 

@@ -4,6 +4,7 @@ import importlib
 from collections.abc import Callable
 from pathlib import Path
 
+from dualnav_lite.check import judge
 from dualnav_lite.config import UnusableInput
 from grading.lesson import grade_lesson
 from grading.policy import grade_policy
@@ -11,6 +12,7 @@ from grading.room import PACKAGE, Room
 from grading.self_check import self_check
 
 MUTANTS = PACKAGE.parent / "tests" / "mutants"
+HINT = "# hint: "  # first line of a mistake, with words of the hint that students get
 RIGHT = "# right"  # first line of a solution that is another one and no mistake
 LEAST_MUTANTS = 3
 
@@ -18,8 +20,9 @@ LEAST_MUTANTS = 3
 def dry_run(room: Room, say: Callable[[str], None] = print, mutants: Path = MUTANTS) -> list[str]:
     """What does not hold, a line each; empty where the class may be graded.
 
-    The reference gets everything and the untouched notebook nothing; each usual mistake fails and each other right
-    solution passes; the shipped policy passes and one that stands still does not; attacks leave the host untouched.
+    The reference gets everything and the untouched notebook nothing; each usual mistake fails, before the scorer and
+    before the check that students run, there with the hint that fits; each other right solution passes; the shipped
+    policy passes and one that stands still does not; attacks leave the host untouched.
     """
     problems = []
     try:
@@ -34,7 +37,8 @@ def dry_run(room: Room, say: Callable[[str], None] = print, mutants: Path = MUTA
             wrong = sum(not text.startswith(RIGHT) for text in texts.values())
             if wrong < LEAST_MUTANTS:
                 problems.append(f"{exercise}: has {wrong} mutants, needs {LEAST_MUTANTS}")
-            failed = [f"{exercise}: {problem}" for problem in _tried(room, lesson, exercise, texts)]
+            tried = [*_checked(room, lesson, exercise, texts), *_tried(room, lesson, exercise, texts)]
+            failed = [f"{exercise}: {problem}" for problem in tried]
             problems += failed
             say(f"{exercise}: {len(texts)} other solutions, {len(failed)} judged wrongly")
     if room.rubric.policy:
@@ -53,6 +57,24 @@ def _tried(room: Room, lesson: str, exercise: str, texts: dict[str, str]) -> lis
         if is_right != (outcome.status == "passed"):
             said = f"gets {outcome.reason}" if is_right else "passes"
             problems.append(f"{'right solution' if is_right else 'mutant'} '{name}' {said}")
+    return problems
+
+
+def _checked(room: Room, lesson: str, exercise: str, texts: dict[str, str]) -> list[str]:
+    """Which solutions the check of the lesson judges wrongly; all of them are the teacher's own, so they run here."""
+    names: dict = {}
+    for kind, value in room.masters[lesson].order:
+        exec(value if kind == "given" else room.masters[lesson].solutions[value], names)
+    wrong = judge(exercise, names[exercise])
+    problems = [] if wrong is None else [f"the check refuses the reference: {wrong}"]
+    for name, text in texts.items():
+        found: dict = {}
+        exec(text, found)
+        wrong, first = judge(exercise, found[exercise]), text.partition("\n")[0]
+        if text.startswith(RIGHT):
+            problems += [f"the check refuses the right solution '{name}'"] if wrong else []
+        elif wrong is None or first.removeprefix(HINT) not in "\n".join(wrong.lines("en")):
+            problems.append(f"the check {'gives no fitting hint to' if wrong else 'lets pass'} mutant '{name}'")
     return problems
 
 

@@ -4,6 +4,7 @@ import base64
 import hashlib
 import html
 import io
+import re
 import zipfile
 from functools import cache
 from pathlib import Path
@@ -11,12 +12,14 @@ from pathlib import Path
 import yaml
 
 REASONS = Path(__file__).resolve().parent / "reasons.yaml"
+CODE = re.compile("`([^`]+)`")
 STYLE = (
     "body{font:16px/1.5 system-ui,sans-serif;max-width:52rem;margin:2rem auto;padding:0 1rem;color:#222}"
     "table{border-collapse:collapse;width:100%;margin:1rem 0}"
     "th,td{border-bottom:1px solid #ddd;padding:.45rem .6rem;text-align:left;vertical-align:top}"
     "th{font-weight:600}td.n,th.n{text-align:right;white-space:nowrap}"
     ".passed{color:#0b6b3a}.partial{color:#8a5a00}.failed,.error,.timeout{color:#a3231d}.not_run,.manual{color:#555}"
+    "code{background:#f5f5f5;padding:0 .2em}h3{font-size:1rem;margin-bottom:.3rem}"
     "pre{background:#f5f5f5;padding:.6rem;overflow-x:auto;white-space:pre-wrap}p.small{color:#555;font-size:.9rem}"
 )
 # Nothing is loaded, nothing runs; the one style is named by its hash.
@@ -33,12 +36,15 @@ WORDS = {
         "failed": "not right yet",
         "error": "error",
         "timeout": "too slow",
-        "not_run": "not graded",
+        "not_run": "nothing to grade",
         "manual": "decided by your teacher",
         "ungraded": "not graded yet",
         "right": "{right} of {asked} questions right",
+        "perhaps": "perhaps for the same reason:",
+        "and": "; ",
         "stopped": "stopped after {asked} questions",
         "reference": "tried with the teacher's {names}, since yours did not pass",
+        "drives": "Trained policy",
         "policy": "Your policy in rooms that it has never seen",
         "scenario": "Scenario",
         "survived": "Survived",
@@ -71,12 +77,15 @@ WORDS = {
         "failed": "还不对",
         "error": "出错",
         "timeout": "太慢",
-        "not_run": "未评分",
+        "not_run": "没有可评分的内容",
         "manual": "由教师决定",
         "ungraded": "尚未评分",
         "right": "{asked} 个问题答对 {right} 个",
+        "perhaps": "可能是同一原因：",
+        "and": "；",
         "stopped": "在第 {asked} 个问题后停止",
         "reference": "使用教师的 {names} 测试，因为你的尚未通过",
+        "drives": "训练好的策略",
         "policy": "你的策略在从未见过的房间里",
         "scenario": "场景",
         "survived": "存活",
@@ -124,20 +133,26 @@ def _table(head: list[str], rows: list[list[str]], numbers: tuple[int, ...] = ()
     return "<table>\n" + "\n".join(lines) + "\n</table>"
 
 
+def _marked(text: str) -> str:
+    """A text of ours, escaped, with code between backticks."""
+    return CODE.sub(r"<code>\1</code>", html.escape(text))
+
+
 def _todo(row: dict, outcome: dict, words: dict, language: str) -> str:
-    """What stands beside an exercise."""
+    """What stands beside an exercise: the first mistake, which the plainest question told, then what else failed."""
     lines = [reason_text(row["reason_code"], language)] if row["reason_code"] else []
     detail = outcome["detail"]
     if row["status"] != "manual":
-        wrong = [code for code in detail.get("wrong", {}) if code != row["reason_code"]]
-        lines += [reason_text(code, language) for code in wrong]
-    if "right" in detail and "survival" not in detail:
+        wrong = [reason_text(code, language) for code in detail.get("wrong", []) if code != row["reason_code"]]
+        if wrong:
+            lines.append(f"{words['perhaps']} {words['and'].join(wrong)}")
+    if "right" in detail and "survival" not in detail and row["status"] != "passed":
         stopped = row["status"] in ("error", "timeout")
         lines.append(words["stopped" if stopped else "right"].format(**detail))
     lent = [part.partition(":")[0] for part in outcome["source"].split("+") if part.endswith(":reference")]
     if lent:
-        lines.append(words["reference"].format(names=", ".join(lent)))
-    return "<br>".join(html.escape(line) for line in lines)
+        lines.append(words["reference"].format(names=", ".join(f"`{name}`" for name in lent)))
+    return "<br>".join(_marked(line) for line in lines)
 
 
 def _drives(result: dict, words: dict, margin: float) -> str:
@@ -169,7 +184,14 @@ def _drives(result: dict, words: dict, margin: float) -> str:
     return "\n".join(parts)
 
 
-def page(result: dict, rows: list[dict], language: str, margin: float = 0.0, late: float = 0.0) -> bytes:
+def page(
+    result: dict,
+    rows: list[dict],
+    language: str,
+    margin: float = 0.0,
+    late: float = 0.0,
+    lessons: dict[str, str] | None = None,
+) -> bytes:
     """The page of one student.
 
     Args:
@@ -177,19 +199,25 @@ def page(result: dict, rows: list[dict], language: str, margin: float = 0.0, lat
         rows: of `grades.csv` of this student.
         margin: of the policy task, which students are told.
         late: share of the points that delay costs.
+        lessons: notebook by exercise, where there is one.
     """
     words = WORDS[language]
-    lines, total, most = [], 0.0, 0.0
+    lines, total, most, place = [], 0.0, 0.0, ""
     for row in rows:
+        here = (lessons or {}).get(row["exercise"], words["drives"])
+        if lessons and here != place:
+            place = here
+            lines.append([f"<strong>{html.escape(here)}</strong>", "", "", ""])
         outcome = result["outcomes"][row["exercise"]]
         status = f'<span class="{row["status"]}">{words[row["status"]]}</span>'
         points = f"{row['points'] or '–'} / {row['max_points']}"
-        lines.append([html.escape(row["exercise"]), points, status, _todo(row, outcome, words, language)])
+        name = f"<code>{html.escape(row['exercise'])}</code>"
+        lines.append([name, points, status, _todo(row, outcome, words, language)])
         total, most = total + float(row["points"] or 0.0), most + float(row["max_points"])
     lines.append([f"<strong>{words['total']}</strong>", f"<strong>{total:g} / {most:g}</strong>", "", ""])
     head = [words[name] for name in ("exercise", "points", "result", "todo")]
     said = [
-        f"<h3>{html.escape(name)}</h3><pre>{html.escape(text)}</pre>"
+        f"<h3><code>{html.escape(name)}</code></h3><pre>{html.escape(text)}</pre>"
         for name, text in result.get("said", {}).items()
         if name in result["outcomes"]
     ]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from dualnav_lite.config import UnusableInput
 from grading import __version__
+from grading.cluster import run_on_cluster
 from grading.crew import run_workers
 from grading.feedback import page, zipped
 from grading.intake import Submission, take_in
@@ -26,6 +27,7 @@ def grade_class(
     room: Room,
     *,
     jobs: int = 1,
+    cluster: str = "",
     shard: tuple[int, int] = (1, 1),
     only: str = "",
     overrides: dict | None = None,
@@ -38,7 +40,8 @@ def grade_class(
         folder: submissions.
         out: folder of results and tables.
         room: what to grade with, from `prepared`.
-        jobs: worker processes; shard: (k, n) takes every n-th submission from the k-th.
+        jobs: worker processes; cluster: address of a Dask scheduler, whose workers grade in their place.
+        shard: (k, n) takes every n-th submission from the k-th.
         only: grade this student anew, whatever is there; the others as they are.
 
     Raises:
@@ -56,11 +59,15 @@ def grade_class(
         missing = [one for one in submissions if read_result(paths[one.student_id]) is None]
         todo = [(one, paths[one.student_id]) for one in missing if not only or one.student_id == only]
         todo.sort(key=lambda task: task[1].with_suffix(".attempt").exists())  # in flight when we were killed: last
-        if todo:
+        lost = 0
+        if todo and cluster:
+            lost = run_on_cluster(room, todo, cluster, say)
+        elif todo:
             self_check(room)
-        lost = run_workers(room, todo, jobs, say) if todo else 0
+            lost = run_workers(room, todo, jobs, say)
         results = [_result_or_ungraded(room, one, paths[one.student_id]) for one in submissions]
         rows = write_tables(out, results, room.rubric, overrides or {}, late or {}, room.tier)
+        write_times(out, list(paths.values()))
         made_of = {
             "fingerprint": fingerprint,
             "tier": room.tier,
@@ -97,20 +104,25 @@ def write_tables(out: Path, results: list[dict], rubric: Rubric, overrides, late
     if rubric.policy:
         for name, (columns, lines) in policy_tables(results).items():
             write_whole(out / f"{name}{mark}.csv", to_csv(columns, lines))
-    times = [found for path in sorted((out / "results").glob("*.times")) if (found := read_result(path))]
-    times.sort(key=lambda one: (one["student_id"], one["started"]))
-    write_whole(out / "grade_times.csv", to_csv(("student_id", "started", "seconds"), times))
     write_feedback(out, results, rows, rubric, late)
     return rows
+
+
+def write_times(out: Path, paths: list[Path]) -> None:
+    """`grade_times.csv`: how long each submission took, from what stands beside the result files."""
+    times = [found for path in paths if (found := read_result(path.with_suffix(".times")))]
+    times.sort(key=lambda one: (one["student_id"], one["started"]))
+    write_whole(out / "grade_times.csv", to_csv(("student_id", "started", "seconds"), times))
 
 
 def write_feedback(out: Path, results: list[dict], rows: list[dict], rubric: Rubric, late: dict[str, float]) -> None:
     """`feedback/<folder>/feedback.html` of each student, and all of them as the zip that Moodle takes back."""
     margin, pages = rubric.policy.survival.margin if rubric.policy else 0.0, {}
+    lessons = {exercise: name for name, lesson in rubric.lessons.items() for exercise in lesson.exercises}
     for one in results:
         student = one["student_id"]
         own = [row for row in rows if row["student_id"] == student]
-        content = page(one, own, rubric.language, margin, late.get(student, 0.0))
+        content = page(one, own, rubric.language, margin, late.get(student, 0.0), lessons)
         pages[one["folder"] or student] = content
         write_whole(out / "feedback" / (one["folder"] or student) / "feedback.html", content)
     write_whole(out / "feedback.zip", zipped(pages))
@@ -127,12 +139,10 @@ def merge(folders: list[Path], out: Path, rubric: Rubric, overrides, late) -> li
         raise UnusableInput("merge: a folder holds no finished run (run.json)")
     if len({run["fingerprint"] for run in runs}) > 1:
         raise UnusableInput("merge: the shards were graded with different graders, rubrics, keys or tiers")
-    results = []
+    paths = [folder / "results" / name for folder, run in zip(folders, runs, strict=True) for name in run["results"]]
     with locked(out):
-        for folder, run in zip(folders, runs, strict=True):
-            for name in run["results"]:
-                found = read_result(folder / "results" / name)
-                if found is None:
-                    raise UnusableInput(f"merge: {folder} has a submission that stayed ungraded; run it again")
-                results.append(found)
+        results = [read_result(path) for path in paths]
+        if None in results:
+            raise UnusableInput("merge: a shard has a submission that stayed ungraded; run it again")
+        write_times(out, paths)
         return write_tables(out, results, rubric, overrides, late, runs[0]["tier"])

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from dualnav_lite.config import UnusableInput
 
+PACKED = "submission_"  # `kit.py submit` names its folder so, with the student's id behind
 MOODLE = re.compile(r"(?P<name>.+)_(?P<id>\d+)_assignsubmission_file_?", re.DOTALL)
 MOST_FILE = 32 << 20
 MOST_TOTAL = 128 << 20
@@ -35,7 +36,7 @@ class Submission:
     """What was handed in.
 
     Attributes:
-        student_id: Moodle's number, else the folder's name.
+        student_id: Moodle's number, else the folder's name without the `submission_` of `kit.py submit`.
         folder: its name on disk, which Moodle's feedback takes back.
         files: content by file name, of the files that grading knows.
         rejected: reason code, empty where it can be graded.
@@ -150,7 +151,7 @@ def _one(entry, wanted: frozenset[str]) -> Submission:
     if moodle:
         submission = Submission(moodle["id"], entry.name)
     elif is_plain(entry.name):
-        submission = Submission(entry.name, entry.name)
+        submission = Submission(entry.name.removeprefix(PACKED) or entry.name, entry.name)
     else:
         safe = hashlib.sha256(os.fsencode(entry.name)).hexdigest()[:12]
         return Submission(f"unnamed-{safe}", "", rejected="folder_name", sha256=digest({}))

@@ -10,6 +10,7 @@ from grading import wire
 from grading.job import Job, Limits, SandboxError
 from grading.rebuild import Master, normalised, rebuilt
 from grading.rubric import Lesson
+from grading.said import said_by
 from grading.sandbox import Sandbox
 from grading.secret import Secret
 from grading.tasks import questions_of
@@ -30,7 +31,7 @@ class Outcome:
         status: passed, partial, failed, error, timeout, not_run or ungraded.
         reason: code; empty where passed.
         source: whose parts were run, such as `gae:student`, joined by `+`.
-        detail: numbers for feedback that tell nothing hidden: questions right and asked, by reason code.
+        detail: numbers for feedback that tell nothing hidden: questions right and asked, reason codes in order.
     """
 
     share: float
@@ -107,8 +108,8 @@ def untouched(source: str, stub: str) -> bool:
     return normalised(source) == normalised(stub)
 
 
-def grade_lesson(setting: Setting, sources: dict[str, str]) -> tuple[dict[str, Outcome], bytes]:
-    """Outcome of each exercise, and the notebook as executed before the first hidden call.
+def grade_lesson(setting: Setting, sources: dict[str, str]) -> tuple[dict[str, Outcome], dict[str, str]]:
+    """Outcome of each exercise, and what its cell said when it was run, before the first hidden call.
 
     Args:
         setting: see `Setting`.
@@ -127,7 +128,7 @@ def grade_lesson(setting: Setting, sources: dict[str, str]) -> tuple[dict[str, O
     run = _Run(setting, usable, outcomes)
     run.together()
     run.one_by_one()
-    return {name: outcomes[name] for name in setting.lesson.exercises}, run.executed
+    return {name: outcomes[name] for name in setting.lesson.exercises}, run.said
 
 
 class _Run:
@@ -135,7 +136,7 @@ class _Run:
 
     def __init__(self, setting: Setting, usable: dict[str, str], outcomes: dict[str, Outcome]):
         self._setting, self._usable, self._outcomes = setting, usable, outcomes
-        self.executed = b""
+        self.said: dict[str, str] = {}
 
     def _open(self) -> list[str]:
         return [name for name in self._usable if name not in self._outcomes]
@@ -208,7 +209,7 @@ class _Run:
             except wire.ProtocolError as error:
                 yield self._without_hello(session, error)
                 return
-            self.executed = self.executed or session.executed
+            self.said = said_by(session.executed, self._setting.master.order) | self.said
             yield session
         finally:
             if session:
@@ -226,7 +227,7 @@ class _Run:
     def _ask(self, session, exercise: str, parts: dict[str, str]) -> tuple[Outcome, bool]:
         """Outcome of an exercise's questions, and whether the sandbox is of no more use."""
         share, right, asked, reason, status = 0.0, 0, 0, "", ""
-        wrong: dict[str, int] = {}
+        wrong: dict[str, None] = {}
         seconds = self._setting.lesson.exercises[exercise].seconds
         deadline = time.monotonic() + seconds
         died = False
@@ -241,7 +242,7 @@ class _Run:
                 break
             found = error_reason(error) if error else question.judge(answer)
             if found:
-                wrong[found] = wrong.get(found, 0) + 1
+                wrong[found] = None
                 reason = reason or found
             else:
                 share, right = share + question.share, right + 1
@@ -249,7 +250,7 @@ class _Run:
         status = status or ("passed" if right == asked else "partial" if share else "failed")
         names = parts | {exercise: "student"}
         source = "+".join(f"{name}:{whose}" for name, whose in names.items())
-        return Outcome(share, status, reason, source, {"right": right, "asked": asked, "wrong": wrong}), died
+        return Outcome(share, status, reason, source, {"right": right, "asked": asked, "wrong": list(wrong)}), died
 
 
 def cut_off(problem: wire.ProtocolError, killed_for: str) -> tuple[str, str]:

@@ -84,6 +84,22 @@ def masked(source: str, functions: dict[str, str], module: str) -> str:
     return "\n".join(lines) + ("\n" if source.endswith("\n") else "")
 
 
-def masks_kernels(symbols: Iterable[str]) -> bool:
-    """Whether a kernel is masked: its compiled code, also within those that call it, must not be seen then."""
-    return any(symbol.startswith("kernels.") for symbol in symbols)
+def tainted_kernels(package: Path, symbols: Iterable[str]) -> set[str]:
+    """Kernel modules whose compiled code holds something masked: the masked ones and all that import them."""
+    tainted = {symbol.partition(":")[0].partition(".")[2] for symbol in symbols if symbol.startswith("kernels.")}
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in (package / "kernels").glob("*.py")}
+    imports = {name: _kernels_imported(text) for name, text in texts.items()}
+    while more := {name for name, others in imports.items() if others & tainted} - tainted:
+        tainted |= more
+    return tainted
+
+
+def _kernels_imported(text: str) -> set[str]:
+    """Kernel modules that a module imports, wherever in it and in whichever way."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            found |= {one.name.rpartition(".")[2] for one in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found |= {(node.module or "").rpartition(".")[2]} | {one.name for one in node.names}
+    return found

@@ -15,7 +15,7 @@ from dualnav_lite.config import UnusableInput
 from dualnav_lite.exercises import stub
 from grading.job import Limits
 from grading.lesson import Setting
-from grading.masking import masked_copy, masks_kernels
+from grading.masking import masked_copy, tainted_kernels
 from grading.rebuild import Master, Unreadable, read_master
 from grading.rubric import Rubric
 from grading.sandbox import PREFIX
@@ -36,6 +36,7 @@ class Room:
     tier: str
     limits: Limits
     packages: Path
+    kernels: Path | None
     masters: dict[str, Master]
 
     def fingerprint(self) -> str:
@@ -61,10 +62,8 @@ class Room:
 
     def setting(self, lesson: str = "") -> Setting:
         """What a lesson, or with no lesson the policy, is graded with."""
-        masked = [symbol for one in self.rubric.lessons.values() for symbol in one.mask]
-        kernels = None if masks_kernels(masked) else kernel_cache(PACKAGE)
         master, rules = self.masters.get(lesson), self.rubric.lessons.get(lesson)
-        return Setting(master, rules, self.packages, kernels, self.secret, self.tier, self.limits)
+        return Setting(master, rules, self.packages, self.kernels, self.secret, self.tier, self.limits)
 
     def shipped_weights(self) -> frozenset[str]:
         """Hashes of the weights that the kit itself ships; who hands these in has trained nothing."""
@@ -95,6 +94,18 @@ def prepared(rubric: Rubric, secret: Secret, tier: str, limits: Limits, notebook
     folder = Path(tempfile.mkdtemp(prefix=f"{PREFIX}{os.getpid()}-"))
     try:
         packages = masked_copy(PACKAGE, rubric.mask(), folder / "packages")
-        yield Room(rubric, secret, tier, limits, packages, masters)
+        kernels = _kernels_to_show(kernel_cache(PACKAGE), tainted_kernels(PACKAGE, rubric.mask()), folder / "kernels")
+        yield Room(rubric, secret, tier, limits, packages, kernels, masters)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _kernels_to_show(cache: Path | None, tainted: set[str], out: Path) -> Path | None:
+    """Compiled kernels without those that hold something masked; they would answer what is asked."""
+    if cache is None:
+        return None
+    out.mkdir()
+    for path in cache.glob("*.nb[ic]"):
+        if path.name.partition(".")[0] not in tainted:
+            shutil.copy2(path, out / path.name)
+    return out

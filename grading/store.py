@@ -42,6 +42,12 @@ def result_path(out: Path, fingerprint: str, submission: Submission) -> Path:
     return out / "results" / f"{student}.{hashlib.sha256(made_of.encode()).hexdigest()[:24]}.json"
 
 
+def write_result(path: Path, result: dict, times: dict) -> None:
+    """A result file, and beside it how long it took."""
+    write_whole(path.with_suffix(".times"), to_json(times))
+    write_whole(path, to_json(result))
+
+
 def read_result(path: Path) -> dict | None:
     """A result file; None where there is none."""
     try:

@@ -1,6 +1,7 @@
 """One submission to the content of its result file."""
 
 import hashlib
+import time
 from dataclasses import asdict
 
 from grading import __version__
@@ -16,6 +17,7 @@ def grade_one(room: Room, submission: Submission) -> dict:
     outcomes: dict[str, Outcome] = {}
     prints: dict[str, str] = {}
     library: dict[str, str] = {}
+    said: dict[str, str] = {}
     for name, lesson in room.rubric.lessons.items():
         sources: dict[str, str] = {}
         problem = submission.rejected
@@ -29,8 +31,9 @@ def grade_one(room: Room, submission: Submission) -> dict:
         if problem:
             outcomes |= {exercise: Outcome(0.0, "not_run", problem) for exercise in lesson.exercises}
             continue
-        found, _ = grade_lesson(room.setting(name), sources)
+        found, words = grade_lesson(room.setting(name), sources)
         outcomes |= found
+        said |= {exercise: text for exercise, text in words.items() if found[exercise].status != "passed"}
         for exercise, source in sources.items():
             if found[exercise].reason not in ("not_done", "cell_missing") and not source.startswith("\0"):
                 prints[exercise] = _print(source)
@@ -45,9 +48,19 @@ def grade_one(room: Room, submission: Submission) -> dict:
         "outcomes": {exercise: asdict(outcome) for exercise, outcome in outcomes.items()},
         "prints": prints,
         "library_prints": library,
+        "said": said,
         "tier": room.tier,
         "grader_version": __version__,
     }
+
+
+def grade_timed(room: Room, submission: Submission) -> tuple[dict | None, dict]:
+    """The same, None where something stayed ungraded so that the next run tries again; and how long it took."""
+    start = time.time()
+    result = grade_one(room, submission)
+    times = {"student_id": submission.student_id, "started": round(start), "seconds": round(time.time() - start, 1)}
+    ungraded = any(outcome["status"] == "ungraded" for outcome in result["outcomes"].values())
+    return None if ungraded else result, times
 
 
 def _policy(room: Room, submission: Submission, prints: dict[str, str], library: dict[str, str]) -> dict[str, Outcome]:

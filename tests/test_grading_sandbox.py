@@ -16,9 +16,10 @@ from grading.cores import on_a_core, take_core
 from grading.grade import grade_class
 from grading.job import Job, Limits
 from grading.lesson import grade_lesson
-from grading.masking import masks_kernels
+from grading.masking import tainted_kernels
 from grading.plain import remove
 from grading.room import NOTEBOOKS, PACKAGE, prepared
+from grading.rubric import load_rubric
 from grading.sandbox import Sandbox
 from grading.secret import Secret
 from grading.store import locked
@@ -111,9 +112,22 @@ def test_installed_copies_of_the_kit_are_hidden_and_nothing_of_the_graders_is_sh
     shown.refuse_shown(tmp_path, PACKAGE.parent)
 
 
-def test_compiled_kernels_stay_outside_where_one_of_them_is_asked():
-    assert masks_kernels(["rewards:hinge", "kernels.raycast:cast"])
-    assert not masks_kernels(["rewards:hinge", "rollout:gae"])
+def test_compiled_kernels_that_hold_what_is_asked_stay_outside(tmp_path):
+    (tmp_path / "kernels").mkdir()
+    texts = {
+        "grid": "",
+        "paths": "from dualnav_lite.kernels.grid import cell",
+        "routes": "from . import paths",
+        "hash": "",
+    }
+    for name, text in (texts | {"hash": ""}).items():
+        (tmp_path / "kernels" / f"{name}.py").write_text(text, encoding="utf-8")
+    assert tainted_kernels(tmp_path, ["rewards:hinge", "kernels.grid:cell"]) == {"grid", "paths", "routes"}
+    assert tainted_kernels(PACKAGE, ["rewards:hinge", "rollout:gae"]) == set()
+    assert tainted_kernels(PACKAGE, load_rubric().mask()) == {"encode"}
+    with prepared(load_rubric(), Secret(b"k" * 32, "kernels"), "A", Limits()) as room:
+        shown_ones = {path.name.partition(".")[0] for path in room.kernels.iterdir()} if room.kernels else set()
+    assert "encode" not in shown_ones
 
 
 def test_folders_however_deep_are_counted_or_told_and_taken_away(tmp_path):
@@ -161,10 +175,10 @@ def test_a_submission_that_kills_the_grader_is_tried_last_and_costs_nobody_else(
             os.kill(os.getpid(), signal.SIGKILL)
         return grade_one(room, submission)
 
-    from grading import crew
+    from grading import submission as graded
 
-    grade_one = crew.grade_one
-    monkeypatch.setattr(crew, "grade_one", killed_by)
+    grade_one = graded.grade_one
+    monkeypatch.setattr(graded, "grade_one", killed_by)
     master = (NOTEBOOKS / f"{LESSON}.ipynb").read_bytes()
     for name in ("before", "killer", "later"):
         (tmp_path / "class" / name).mkdir(parents=True)

@@ -237,6 +237,20 @@ def gradients_are_clipped(mine):
     hold(claim, longest <= 0.0101, "", "<= 0.01", longest, hint)
 
 
+def entropy_is_worth_something(mine):
+    claim = Text("with entropy_coef of 5 the policy stays closer to even", "entropy_coef 为 5 时策略更接近均匀")
+    shares = []
+    for worth in (0.0, 5.0):
+        actor, _, _, batch, _ = _updated(mine, claim, SETTINGS.model_copy(update={"entropy_coef": worth}))
+        with torch.no_grad():
+            shares.append(float(actor(batch.observations).exp()[:, 1].mean()))
+    hint = Text(
+        "the policy's loss is policy_loss minus settings.entropy_coef times the mean entropy",
+        "策略的损失是 policy_loss 减去 settings.entropy_coef 乘平均熵",
+    )
+    hold(claim, shares[1] < shares[0] - 0.01, "", f"< {shares[0]:.3f}", shares[1], hint)
+
+
 def it_stops_where_the_policy_has_moved_too_far(mine):
     claim = Text("with target_kl of 0.0001 the policy's epochs end early", "target_kl 为 0.0001 时策略提前停止更新")
     strict = SETTINGS.model_copy(update={"target_kl": 1e-4, "epochs": 30})
@@ -285,6 +299,7 @@ CHECKS = {
         it_stops_where_the_policy_has_moved_too_far,
         numbers_say_what_happened,
         the_batch_stays_as_it_was,
+        entropy_is_worth_something,
     ],
 }
 REFERENCES = {"policy_loss": ppo.policy_loss, "value_loss": ppo.value_loss, "update": ppo.update}

@@ -16,6 +16,7 @@ from grading.intake import MOODLE, is_plain
 from grading.job import Limits
 from grading.room import NOTEBOOKS, PACKAGE, prepared
 from grading.rubric import Policy, Rubric, Survival, load_rubric
+from grading.sandbox import PREFIX
 from grading.secret import Secret
 from grading.tables import FORMULA
 
@@ -71,7 +72,7 @@ def run_all(attacks: list[Attack], tier: str, say=lambda text: None, jobs: int =
         jobs: sandboxes side by side.
     """
     notebook = NOTEBOOKS / f"{LESSON}.ipynb"
-    with tempfile.TemporaryDirectory(prefix="dualnav-attacks-") as place:
+    with tempfile.TemporaryDirectory(prefix=f"{PREFIX}{os.getpid()}-attacks-") as place:
         room, out = Path(place) / "class", Path(place) / "out"
         with Canaries(room, out, PACKAGE.parent) as canaries:
             by_folder = {hand_in(one, room, notebook, canaries.places).name: one for one in attacks}

@@ -6,7 +6,7 @@ from grading.tasks import Question
 
 
 def questions(rng: np.random.Generator) -> list[Question]:
-    """The middle, the preference, the charge."""
+    """The middle, which tells a mistake and is worth nothing since a constant answers it; preference, charge."""
 
     def ask(hint, preference, charge, share):
         right = [
@@ -16,7 +16,7 @@ def questions(rng: np.random.Generator) -> list[Question]:
         return Question(hint, {"preference": preference, "charge": charge}, {"values": np.array(right)}, share)
 
     return [
-        ask("article_weights_in_the_middle", np.full(2, 0.5), np.ones(2), 0.3),
-        ask("preference_moves_two_weights", rng.uniform(0.0, 1.0, 8), np.ones(8), 0.4),
-        ask("charge_raises_energy", rng.uniform(0.1, 1.0, 8), rng.uniform(0.0, 0.9, 8), 0.3),
+        ask("article_weights_in_the_middle", np.full(2, 0.5), np.ones(2), 0.0),
+        ask("preference_moves_two_weights", rng.uniform(0.0, 1.0, 8), np.ones(8), 0.5),
+        ask("charge_raises_energy", rng.uniform(0.1, 1.0, 8), rng.uniform(0.0, 0.9, 8), 0.5),
     ]

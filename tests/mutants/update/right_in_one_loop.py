@@ -17,7 +17,8 @@ def update(actor, critic, optimizers, batch, settings, rng):
             numbers["entropy"] = entropies.mean().item()
             if kl > 1.5 * settings.target_kl:
                 return numbers
-            jobs = [(actor, optimizers[0], loss), (critic, optimizers[1], errors)]
+            explored = loss - settings.entropy_coef * entropies.mean()
+            jobs = [(actor, optimizers[0], explored), (critic, optimizers[1], errors)]
             for network, optimizer, wanted in jobs:
                 optimizer.zero_grad()
                 wanted.backward()

@@ -1,0 +1,162 @@
+"""What an instructor relies on before a release: whatever is broken, the dry run says so."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dualnav_lite.check import rewards as checks
+from grading import dry_run as dry
+from grading import self_check
+from grading.adapters import ADAPTERS
+from grading.example.graded import example_rubric
+from grading.job import Limits
+from grading.lesson import Outcome, grade_lesson, untouched
+from grading.room import prepared
+from grading.rubric import load_rubric
+from grading.secret import Secret
+from grading.tasks import Question, questions_of
+from tests.test_attacks import works
+
+MUTANTS = Path(__file__).parent / "mutants"
+LESSON = "07_rewards"
+
+
+def graded_here(setting, sources):
+    """As `grade_lesson`, for solutions of our own: in this process, without a sandbox."""
+    outcomes, names = {}, {}
+    for kind, value in setting.master.order:
+        if kind == "given":
+            exec(value, names)
+    for exercise in setting.lesson.exercises:
+        source = sources.get(exercise, setting.master.stubs[exercise])
+        if untouched(source, setting.master.stubs[exercise]):
+            outcomes[exercise] = Outcome(0.0, "not_run", "not_done")
+            continue
+        exec(source, names)
+        share, found = 0.0, []
+        for question in questions_of(exercise)(np.random.default_rng(3)):
+            try:
+                reason = question.judge(ADAPTERS[exercise](names, question.arrays, {}))
+            except Exception as error:
+                reason = f"raised_{type(error).__name__}"
+            share, found = share + question.share * (reason == ""), [*found, reason]
+        reason = next(filter(None, found), "")
+        outcomes[exercise] = Outcome(share, "partial" if reason else "passed", reason)
+    return outcomes, {}
+
+
+@pytest.fixture
+def room(monkeypatch):
+    """One lesson, judged without sandboxes, policies and attacks."""
+    rubric = example_rubric(LESSON)
+    lesson = rubric.lessons[LESSON]
+    few = {name: lesson.exercises[name] for name in ("safe", "goal")}
+    mask = {symbol: name for symbol, name in lesson.mask.items() if name in few}
+    rubric = rubric.model_copy(update={"lessons": {LESSON: lesson.model_copy(update={"exercises": few, "mask": mask})}})
+    monkeypatch.setattr(dry, "grade_lesson", graded_here)
+    monkeypatch.setattr(self_check, "grade_lesson", graded_here)
+    monkeypatch.setattr(self_check, "probe", lambda tier: {})
+    monkeypatch.setattr(dry, "_attacks", lambda room, say: [])
+    with prepared(rubric, Secret(b"k" * 32, "dry"), "A", Limits()) as made:
+        yield made
+
+
+@pytest.fixture
+def mutants(tmp_path):
+    for name in ("safe", "goal"):
+        shutil.copytree(MUTANTS / name, tmp_path / name)
+    return tmp_path
+
+
+def problems(room, mutants):
+    return dry.dry_run(room, lambda text: None, mutants)
+
+
+def test_with_nothing_broken_nothing_stands_against_it(room, mutants):
+    assert problems(room, mutants) == []
+
+
+def test_a_broken_reference_is_told(room, mutants):
+    master = room.masters[LESSON]
+    wrong = master.solutions["goal"].replace("gamma * potential_after", "potential_after")
+    room.masters[LESSON] = replace(master, solutions=master.solutions | {"goal": wrong})
+    assert problems(room, mutants) == [
+        "nothing is graded: the reference of 'goal' gets gamma_before_the_next_potential"
+    ]
+
+
+def test_a_broken_check_is_told(room, mutants, monkeypatch):
+    monkeypatch.setitem(checks.CHECKS, "safe", [])
+    found = problems(room, mutants)
+    wrong = [path for path in (mutants / "safe").glob("*.py") if not path.read_text(encoding="utf-8").startswith("# r")]
+    assert len(found) == len(wrong)
+    assert all("lets pass" in line for line in found)
+
+
+def test_a_broken_scorer_is_told(room, mutants, monkeypatch):
+    monkeypatch.setattr(Question, "judge", lambda self, answer: "")
+    found = problems(room, mutants)
+    assert "safe: mutant 'not_squared' passes" in found
+    assert not any("right solution" in line for line in found)
+
+
+def test_a_mutant_that_is_no_mistake_is_told(room, mutants):
+    right = (mutants / "safe" / "right_with_where.py").read_text(encoding="utf-8")
+    (mutants / "safe" / "not_squared.py").write_text(right.replace("# right", "# hint: the square"), encoding="utf-8")
+    found = problems(room, mutants)
+    assert "safe: mutant 'not_squared' passes" in found
+    assert any("lets pass mutant 'not_squared'" in line for line in found)
+
+
+def test_a_right_solution_that_is_none_is_told(room, mutants):
+    text = (mutants / "safe" / "not_squared.py").read_text(encoding="utf-8")
+    (mutants / "safe" / "right_with_where.py").write_text("# right\n" + text, encoding="utf-8")
+    found = problems(room, mutants)
+    assert "safe: the check refuses the right solution 'right_with_where'" in found
+    assert any(line.startswith("safe: right solution 'right_with_where' gets") for line in found)
+
+
+def test_too_few_mutants_are_told(room, mutants):
+    for path in (mutants / "goal").glob("[!r]*.py"):
+        path.unlink()
+    assert problems(room, mutants) == ["goal: has 0 mutants, needs 3"]
+
+
+def test_a_part_that_raises_costs_its_own_points_and_no_more():
+    works("A")
+    rubric = example_rubric(LESSON)
+    with prepared(rubric, Secret(b"k" * 32, "raises"), "A", Limits()) as made:
+        setting = made.setting(LESSON)
+        cells = setting.master.solutions | {"goal": "def goal(*given):\n    raise RuntimeError"}
+        outcomes, _ = grade_lesson(setting, cells)
+    assert {name: one.status for name, one in outcomes.items()} == {
+        "safe": "passed",
+        "goal": "failed",
+        "reward_terms": "passed",
+        "reward_weights": "passed",
+    }
+    assert outcomes["goal"].share == 0.0
+    assert outcomes["goal"].reason == "raised_RuntimeError"
+    assert outcomes["reward_terms"].source == "safe:student+goal:reference+reward_terms:student"
+
+
+@pytest.mark.slow
+def test_in_the_sandbox_the_reference_of_every_lesson_gets_everything():
+    works("A")
+    rubric = load_rubric()
+    with prepared(rubric, Secret(b"k" * 32, "dry"), "A", Limits()) as made:
+        self_check.self_check(made)
+
+
+@pytest.mark.slow
+def test_in_the_sandbox_too_every_mutant_of_two_lessons_fails_and_every_right_way_passes(monkeypatch):
+    works("A")
+    monkeypatch.setattr(dry, "_attacks", lambda room, say: [])  # they have tests of their own
+    rubric = example_rubric()
+    total = sum(one.points for lesson in rubric.lessons.values() for one in lesson.exercises.values())
+    rubric = rubric.model_copy(update={"policy": None, "total": total})
+    with prepared(rubric, Secret(b"k" * 32, "dry"), "A", Limits()) as made:
+        assert dry.dry_run(made, lambda text: None) == []
