@@ -33,7 +33,7 @@ SATURATES = Text("d / (d + 2): fine near the goal and never 1", "d / (d + 2)：�
 SWAPPED = Text(
     "the sine belongs to the left, y over d; the cosine to ahead, x over d", "正弦对应左方 y / d，余弦对应前方 x / d"
 )
-AGE = Text("an age of 2 s reads 1", "2 s 的时延读作 1")
+AGE = Text("an age of 2 s reads 1", "地图年龄 2 s 读作 1")
 ONE_NUMBER = Text("ten numbers in ten bands, not one number everywhere", "十个数放进十条带，不是到处同一个数")
 USUAL_BANDS = {
     "v": [(0.4, RAW), (0.7, ONE_NUMBER)],
@@ -131,7 +131,6 @@ def a_beam_ahead_ends_above_the_middle(mine):
         "one beam, 1 degree to the left, 1.05 m: row 21, column 31", "一束光，偏左 1 度，1.05 m：第 21 行第 31 列"
     )
     usual = [
-        (an_image((42, 31, 0.5)), ANGLES),
         (an_image((42, 32, 0.5)), ANGLES),
         (an_image((42, 31, 0.5)), TURNED),
         (an_image((21, 32, 0.5)), TURNED),
@@ -198,7 +197,8 @@ def channels_stand_in_their_order(mine):
     claim = Text("channel 3 shows the newest scan's intensity", "通道 3 是最新扫描的强度")
     right = an_image((11, 31, 0.7))
     oldest = is_close(got[3], an_image((21, 31, 0.3)), 1e-5)
-    hold(claim, is_close(got[3], right, 1e-5), "", "row 11, column 31: 0.7", got[3], NEWEST if oldest else ORDER)
+    wanted = Text("row 11, column 31: 0.7", "第 11 行第 31 列：0.7")
+    hold(claim, is_close(got[3], right, 1e-5), "", wanted, got[3], NEWEST if oldest else ORDER)
     claim = Text("channel 1 shows the mover 1 m ahead", "通道 1 显示前方 1 m 的移动物体")
     near = got[1][18:26, 28:36]
     hint = Text("use `motion_channel`", "请使用 `motion_channel`")

@@ -58,6 +58,7 @@ WHICH = Text("`terminated` is an end for good, `truncated` the clock", "`termina
 def _looped(mine, claim, length, how):
     """The diary after the student's loop, and what the loop returned."""
     diary = Diary(length, how)
+    episode = Text(f"an episode of {length} steps, {how}", f"一个 {length} 步的回合，{how}")
 
     def looped(seed):
         try:
@@ -65,12 +66,12 @@ def _looped(mine, claim, length, how):
         except NotImplementedError:  # a RuntimeError too, but the stub's own: `call` tells what it means
             raise
         except RuntimeError as error:
-            hold(claim, False, f"an episode of {length} steps, {how}", "", str(error), STOP)
+            hold(claim, False, episode, "", str(error), STOP)
         except (ValueError, TypeError, IndexError) as error:
             text = str(error)
             is_pair = any(word in text for word in ("index", "indices", "unpack"))
             hint = FIVE if "unpack" in text and "4" in text else TWO if is_pair else None
-            hold(claim, False, f"an episode of {length} steps, {how}", "", f"{type(error).__name__}: {text}", hint)
+            hold(claim, False, episode, "", f"{type(error).__name__}: {text}", hint)
 
     return diary, call(claim, looped, {"seed": 5})
 

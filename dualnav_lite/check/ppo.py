@@ -256,7 +256,8 @@ def it_stops_where_the_policy_has_moved_too_far(mine):
     strict = SETTINGS.model_copy(update={"target_kl": 1e-4, "epochs": 30})
     optimizers = _updated(mine, claim, strict)[2]
     hint = Text("stop when approx_kl exceeds 1.5 target_kl", "approx_kl 超过 1.5 倍 target_kl 就停止")
-    hold(claim, 0 < optimizers[0].steps < 60, "", "fewer than 60 steps", optimizers[0].steps, hint)
+    wanted = Text("fewer than 60 steps", "少于 60 步")
+    hold(claim, 0 < optimizers[0].steps < 60, "", wanted, optimizers[0].steps, hint)
 
 
 def numbers_say_what_happened(mine):

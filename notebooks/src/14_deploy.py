@@ -4,7 +4,7 @@
 # **Aim**: export a policy in two formats, prove that they say the same, and measure how long a command takes and how soon
 # the robot answers to what pops up.
 #
-# **Time**: 25 minutes for you, 8 s of CPU. **Number to expect**: the two exports differ by less than **0.00001**,
+# **Time**: 30 minutes for you, 12 s of CPU. **Number to expect**: the two exports differ by less than **0.00001**,
 # and each file is smaller than 8 MB.
 #
 # The policy here is *untrained* unless you have one of your own from lesson 11. Formats and latency do not care; it drives

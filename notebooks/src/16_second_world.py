@@ -62,7 +62,7 @@ for axis, picture, title in zip(axes, (before, env.render()), ("start", "after 2
     axis.grid(False)
 plt.show()
 print(f"{observation.shape[0]} numbers seen, actions up to {[round(float(most), 2) for most in env.action_space.high]}")
-pd.Series(info["reward_terms"]).round(3).to_frame("reward term").T
+(pd.Series(info["reward_terms"]).round(3) + 0.0).to_frame("reward term").T
 
 # %% [markdown]
 # The green car wants into the blue spot, nose first; the picture follows it. Walls that are not drawn stand around the
