@@ -225,8 +225,15 @@ def arms_with_parts(folder: str | Path, arms: Sequence[str] = ()) -> list[str]:
     """Arm ids that drive in worlds with the student's parts: of some arms, else of the student's policy.
 
     The policy is `ppo_actor.onnx` of the folder (lesson 11); where there is none, the shipped one.
+
+    Args:
+        folder: made by `export_parts`, or the notebooks themselves: what passes now is exported to `parts` beside them.
+        arms: ids.
     """
     folder = Path(folder).resolve()
+    if any((folder / f"{lesson}.ipynb").exists() for lesson in LESSONS):
+        export_parts(folder, folder / "parts")
+        folder = folder / "parts"
     load_parts(folder)  # a folder that is none ends here, not in a notebook
     policy = folder / POLICY
     return [f"{arm}{PARTS_MARK}{folder}" for arm in arms or [str(policy) if policy.exists() else "ppo"]]

@@ -121,6 +121,7 @@ def test_an_arm_drives_in_worlds_with_the_students_parts(tmp_path):
     worked = {cell.id: cell.source for cell in nbformat.read(LESSON_FILES[LESSONS_ORDER.index("07_rewards")], 4).cells}
     for exercise in ("safe", "goal", "reward_terms"):
         solve(lesson, exercise, worked[exercise])
+    assert parts.arms_with_parts(tmp_path, ["astar"]) == [f"astar::{tmp_path.resolve() / 'parts'}"]  # the notebooks
     parts.export_parts(tmp_path, tmp_path / "我的 部件")
     (arm,) = parts.arms_with_parts(tmp_path / "我的 部件", ["stand_still"])
     both = evaluate([arm, "stand_still"], ["navigation"], range(1_000_000, 1_000_002), tmp_path / "out", progress=False)
@@ -132,7 +133,7 @@ def test_an_arm_drives_in_worlds_with_the_students_parts(tmp_path):
     np.testing.assert_allclose(mine[columns].to_numpy(float), librarys[columns].to_numpy(float), rtol=1e-6)
     assert library_arm(arm, Config()).fingerprint != getattr(library_arm("stand_still", Config()), "fingerprint", "")
     with pytest.raises(UnusableInput, match=r"parts\.json"):
-        parts.arms_with_parts(tmp_path, ["stand_still"])
+        parts.arms_with_parts(tmp_path / "out", ["stand_still"])
 
 
 def test_a_status_exports_what_is_yours_and_takes_the_folder_that_a_student_works_in(tmp_path, monkeypatch, capsys):

@@ -70,7 +70,7 @@ def stress(
     cluster: Cluster = "",
     preference: Preference = 0.5,
     parts: Annotated[
-        Path | None, typer.Option(help="Folder of `status --export`: your encoder, rewards, policy.")
+        Path | None, typer.Option(help="Your notebooks, or what `status --export` wrote: encoder, rewards, policy.")
     ] = None,
     out: Results = None,
 ) -> int:

@@ -140,7 +140,7 @@ print(f"mean reported rate {best.mean():.2f}")
 status(export="parts")
 
 # %% [markdown]
-# Then one command, in a terminal, in the folder of this notebook:
+# One command sends it through, in a terminal, in the folder of this notebook:
 #
 # ```
 # python ../kit.py stress --parts parts --episodes 50 --long-runs 0
