@@ -85,8 +85,7 @@ class PPOAgent:
             epochs=K_epochs,
             clip_range=eps_clip,
         )
-        hardware = Hardware()
-        limits = [hardware.max_lin_vel, hardware.max_ang_vel] if len(shape) == 3 else [1.0] * action_dim
+        limits = Hardware().limits.tolist() if len(shape) == 3 else [1.0] * action_dim
         limits = limits if action_high is None else [float(one) for one in action_high]
         if len(limits) != action_dim:
             raise ValueError(f"action_dim is {action_dim}, but there are {len(limits)} action bounds")

@@ -1,10 +1,13 @@
 """Every number of the kit that is not a scenario: frozen, checked, written out in full on first use."""
 
+import io
 import os
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import IO, Annotated, Any, Literal, TypeVar
 
+import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -29,6 +32,11 @@ class Hardware(Frozen):
 
     max_lin_vel: Positive = 0.8  # [m/s]
     max_ang_vel: Positive = 1.2  # [rad/s]
+
+    @property
+    def limits(self) -> np.ndarray:
+        """(2,) largest v [m/s] and omega [rad/s]; the smallest are minus these."""
+        return np.array([self.max_lin_vel, self.max_ang_vel])
 
 
 class Robot(Frozen):
@@ -73,7 +81,7 @@ class Map(Frozen):
 
     resolution_m: Positive = 0.1
     cells: Annotated[int, Field(ge=64, le=512, multiple_of=2)] = 160
-    cache: bool = True  # re-project the last received map by odometry and lay the current scan over it
+    cache: bool = True  # re-project the last received map to the believed pose and lay the current scan over it
     match_steps: Annotated[int, Field(ge=0)] = 3  # between two fits of a scan to the received map; 0: odometry alone
 
 
@@ -202,9 +210,18 @@ def _umask() -> int:
 _UMASK = _umask()
 
 
-def write_atomic(path: str | Path, content: str | bytes) -> None:
-    """Write a file whole or not at all: beside it, fsync, rename. `UnusableInput` where the folder refuses."""
+def write_atomic(path: str | Path, content: str | bytes | Callable[[IO[bytes]], object]) -> None:
+    """Write a file whole or not at all: beside it, fsync, rename. `UnusableInput` where the folder refuses.
+
+    Args:
+        path: of the file; its folder is made.
+        content: text (UTF-8), bytes, or what writes them into a file that it is given.
+    """
     path = Path(path)
+    if callable(content):
+        buffer = io.BytesIO()
+        content(buffer)
+        content = buffer.getvalue()
     data = content.encode("utf-8") if isinstance(content, str) else content
     temporary = None
     try:

@@ -1,6 +1,6 @@
 """The observation: what the policy sees of one control step, as a (3 or 4, 64, 64) image."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -64,6 +64,11 @@ class Ego:
     preference: np.ndarray
     forecast: Prediction | None = None
 
+    def rows(self, which) -> "Ego":
+        """Those of some worlds: an index, a slice, an array; None adds the axis of worlds."""
+        own = {one.name: np.asarray(getattr(self, one.name))[which] for one in fields(self) if one.name != "forecast"}
+        return Ego(**own, forecast=None if self.forecast is None else self.forecast.rows(which))
+
 
 def num_channels(observation=DEFAULT_OBSERVATION) -> int:
     """Channels of the observation: 3, or 4 with the intensity."""
@@ -75,7 +80,7 @@ def encode_states(scans, poses, map_crops, ego, observation=DEFAULT_OBSERVATION)
 
     Args:
         scans: (n, 3, beams, 2) ranges [m] and intensities, oldest first; intensity 0 marks a beam without a return.
-        poses: (n, 3, 3) odometry poses of those scans, one frame.
+        poses: (n, 3, 3) believed poses of those scans, map frame.
         map_crops: (n, 64, 64) `CELL_VALUE`s, ego-centred as the channels are.
         ego: batched `Ego`.
         observation: which channels, and what the motion channel shows.
@@ -130,16 +135,8 @@ def encode_state(scans, poses, map_crop, ego, observation=DEFAULT_OBSERVATION):
 
     Source: article 2.2 (`encode_state`); 4.4 for the intensity.
     """
-    values = {
-        field.name: np.asarray(getattr(ego, field.name))[None] for field in fields(ego) if field.name != "forecast"
-    }
-    forecast = ego.forecast
-    if forecast is not None:
-        forecast = Prediction(*(np.asarray(getattr(forecast, field.name))[None] for field in fields(forecast)))
-    batched = replace(ego, **values, forecast=forecast)
-    return encode_states(
-        np.asarray(scans)[None], np.asarray(poses)[None], np.asarray(map_crop)[None], batched, observation
-    )[0]
+    scans, poses, map_crop = (np.asarray(one)[None] for one in (scans, poses, map_crop))
+    return encode_states(scans, poses, map_crop, ego.rows(None), observation)[0]
 
 
 def project_intensity(scan):

@@ -37,11 +37,11 @@ class Description:
 
 
 def describe(tracks: Tracks, past, poses, newest) -> Description:
-    """What is to be said about each mover; nothing but scans and odometry is behind it.
+    """What is to be said about each mover; nothing but scans and believed poses is behind it.
 
     Args:
         tracks, past: (n, K, 10, `COLUMNS`), as `tracking.follow` or a `Tracker` of depth 10 gives them.
-        poses: (n, 10, 3) odometry; newest: (n, beams, 2) the last scan.
+        poses: (n, 10, 3) believed; newest: (n, beams, 2) the last scan.
     """
     n, most, depth = past.shape[:3]
     poses, newest = np.asarray(poses, float), np.asarray(newest, np.float32)

@@ -59,22 +59,6 @@ def box_segments(boxes):
     return np.concatenate([corners, np.roll(corners, -1, axis=-2)], axis=-1)
 
 
-def distance_to_boxes(points, boxes):
-    """Distance from each point to each oriented box, 0 inside.
-
-    Args:
-        points: (p, 2) [m].
-        boxes: (b, 5) as in `box_corners`.
-
-    Returns:
-        (p, b) [m].
-    """
-    points, boxes = np.atleast_2d(np.asarray(points, float)), np.asarray(boxes, float).reshape(-1, 5)
-    local = np.abs(to_robot(points[:, None, :], boxes[None, :, :3]))
-    outside = np.maximum(local - boxes[None, :, 3:5], 0.0)
-    return np.hypot(outside[..., 0], outside[..., 1])
-
-
 @lru_cache(maxsize=8)
 def beam_directions(beams: int):
     """Cosine and sine of every beam's bearing -pi + 2 pi k / beams, robot frame.

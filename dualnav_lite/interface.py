@@ -11,7 +11,7 @@ from dualnav_lite.encoder import num_channels
 
 def action_box(config: Config) -> gymnasium.spaces.Box:
     """Physical actions (v [m/s], omega [rad/s]) within the hardware limits."""
-    limits = np.array([config.hardware.max_lin_vel, config.hardware.max_ang_vel], np.float32)
+    limits = config.hardware.limits.astype(np.float32)
     return gymnasium.spaces.Box(-limits, limits, dtype=np.float32)
 
 

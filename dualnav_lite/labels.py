@@ -1,8 +1,8 @@
 """What the warm start learns from: the ceiling planner's costs in the states that the student gets itself into."""
 
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -105,9 +105,7 @@ class Labels:
     def save(self, stem: Path) -> None:
         """Write the shard; `costs` last, so that a shard which has them is whole."""
         for name in self.PARTS:
-            buffer = io.BytesIO()
-            np.save(buffer, getattr(self, name))
-            write_atomic(f"{stem}.{name}.npy", buffer.getvalue())
+            write_atomic(f"{stem}.{name}.npy", partial(np.save, arr=getattr(self, name)))
 
     @staticmethod
     def exists(stem: Path) -> bool:

@@ -26,7 +26,7 @@ class Mapper:
     """Rolling semantic maps of n worlds.
 
     Scans go up to the mapper without loss; maps come back over a link that may lose or delay them. The robot keeps the
-    last one that came. With the cache (`settings.cache`) it turns that map to its present pose by odometry and lays
+    last one that came. With the cache (`settings.cache`) it turns that map to the believed pose and lays
     the present scan over it; without, it sees the map as it was around the pose where it was sent.
 
     Args:
@@ -36,7 +36,7 @@ class Mapper:
         control_dt_s: time between scans [s].
 
     Attributes:
-        received: (n, G, G) u8 `Cell` codes of the map that the robot holds, toroidal: (x, y) of the odom frame is at
+        received: (n, G, G) u8 `Cell` codes of the map that the robot holds, toroidal: (x, y) of the map frame is at
             [floor(y / res) mod G, floor(x / res) mod G].
         received_corners: (n, 2) i64 floor(x / res), floor(y / res) of the lowest cell of its window.
     """
@@ -70,12 +70,12 @@ class Mapper:
             np.zeros((n, depth, 3)),
         )
 
-    def reset(self, indices, poses_odom, delay_s, loss, burst_mean_s, keys) -> None:
+    def reset(self, indices, poses, delay_s, loss, burst_mean_s, keys) -> None:
         """Forget everything in some worlds and set up their links.
 
         Args:
             indices: (k,) worlds.
-            poses_odom: (k, 3) where their robots believe to be.
+            poses: (k, 3) where their robots believe to be.
             delay_s: (k,) time a map is under way, rounded to whole control steps.
             loss: (k,) share of maps lost, in [0, 1).
             burst_mean_s: (k,) mean length of a run of losses; 0 loses each map independently.
@@ -97,7 +97,7 @@ class Mapper:
             self._make_ring(longest)
             for new, kept in zip(self._ring, old, strict=True):
                 new[:, :depth] = kept
-        corners = np.floor(np.asarray(poses_odom, float)[:, :2] / self.settings.resolution_m).astype(np.int64)
+        corners = np.floor(np.asarray(poses, float)[:, :2] / self.settings.resolution_m).astype(np.int64)
         corners -= self.settings.cells // 2
         for grid in (self._cells, self.received, self._plan):
             grid[indices] = Cell.UNKNOWN
@@ -106,24 +106,24 @@ class Mapper:
         self._evidence[indices], self._votes[indices], self._ring[0][indices] = 0, 0, False
         self._delay[indices], self._loss[indices], self._burst[indices] = delay, loss, burst
         self._keys[indices], self._is_lost[indices], self._age_steps[indices] = keys, False, 0
-        self._received_poses[indices] = poses_odom
+        self._received_poses[indices] = poses
 
-    def update(self, poses_odom, scans, labels, step, active) -> None:
+    def update(self, poses, scans, labels, step, active) -> None:
         """Put the present scans into the maps, then let the link deliver.
 
         Args:
-            poses_odom: (n, 3) believed poses.
+            poses: (n, 3) believed poses.
             scans: (n, beams, 2) f32 and labels: (n, beams) u8, from `Lidar.scan`.
             step: (n,) i64 from 0 at reset, one more at every call.
             active: (n,) bool, the other worlds stay as they are.
         """
         world = (self._cells, self._evidence, self._votes, self._corners)
         resolution = self.settings.resolution_m
-        update_maps(*world, poses_odom, scans, labels, step, active, *self._directions, resolution, self._range_max)
+        update_maps(*world, poses, scans, labels, step, active, *self._directions, resolution, self._range_max)
         deliver_maps(
             self._cells,
             self._corners,
-            poses_odom,
+            poses,
             step,
             active,
             self._delay,
@@ -146,11 +146,11 @@ class Mapper:
         """
         return self._age_steps * self.control_dt_s
 
-    def crops(self, poses_odom, scans, labels) -> np.ndarray:
+    def crops(self, poses, scans, labels) -> np.ndarray:
         """Channel 0 of the observation.
 
         Args:
-            poses_odom, scans, labels: as given to `update`.
+            poses, scans, labels: as given to `update`.
 
         Returns:
             (n, 64, 64) f32 `CELL_VALUE`s, robot in the middle, heading up: row 0 farthest ahead, column 0 farthest
@@ -161,7 +161,7 @@ class Mapper:
         crop_maps(
             self.received,
             self.received_corners,
-            poses_odom if cached else self._received_poses,
+            poses if cached else self._received_poses,
             cached,
             self._age_steps,
             scans,
@@ -176,11 +176,11 @@ class Mapper:
         )
         return images
 
-    def plan_grids(self, poses_odom, scans, labels, due) -> np.ndarray:
+    def plan_grids(self, poses, scans, labels, due) -> np.ndarray:
         """Grids to plan on: the received map, and with the cache the present hits (people as furniture) on top.
 
         Args:
-            poses_odom, scans, labels: as given to `update`.
+            poses, scans, labels: as given to `update`.
             due: (n,) bool worlds that will plan; the others keep their last grid.
 
         Returns:
@@ -190,7 +190,7 @@ class Mapper:
         plan_grids(
             self.received,
             self.received_corners,
-            poses_odom,
+            poses,
             self.settings.cache,
             scans,
             labels,

@@ -102,6 +102,19 @@ def paired_difference(both, only_a, only_b, neither, confidence=0.95):
     return difference, float(max(low, -1.0)), float(min(high, 1.0))
 
 
+def mean_interval(values):
+    """(mean, low, high): the mean and 1.96 standard errors to either side; no interval from a single value.
+
+    >>> [round(float(end), 3) for end in mean_interval([1.0, 2.0, 3.0])]
+    [2.0, 0.868, 3.132]
+    """
+    values = np.asarray(values, float)
+    if not len(values):
+        return np.nan, np.nan, np.nan
+    half = 1.96 * values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.nan
+    return values.mean(), values.mean() - half, values.mean() + half
+
+
 def mcnemar_exact(only_a, only_b):
     """Two-sided p that two arms are equally good, from the seeds on which just one of them succeeded.
 

@@ -1,6 +1,6 @@
 """Motion channel: where things move, or will be, around the robot; one image in [-1, 1] a world."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
@@ -40,13 +40,17 @@ class Prediction:
         if self.radii is None:
             self.radii = np.full(np.shape(self.valid), FOOTPRINT_M)
 
+    def rows(self, which) -> "Prediction":
+        """Those of some worlds: an index, a slice, an array; None adds the axis of worlds."""
+        return Prediction(*(np.asarray(getattr(self, one.name))[which] for one in fields(self)))
+
 
 def rasterise(scans, poses, compensate=True):
     """Images of the last scans in the frame of the newest.
 
     Args:
         scans: (n, f, beams, 2) ranges [m] and intensities, oldest first.
-        poses: (n, f, 3) odometry.
+        poses: (n, f, 3) believed.
         compensate: take the robot's own motion out.
 
     Returns:
@@ -97,7 +101,7 @@ def estimate_flow(scans, poses, compensate=True):
 
     Args:
         scans: (3, beams, 2), oldest first.
-        poses: (3, 3) odometry.
+        poses: (3, 3) believed.
         compensate: False reproduces the article, where the robot's own motion moves the whole image.
 
     Returns:
@@ -138,7 +142,7 @@ def motion_fields(scans, poses, forecast, motion, out=None):
 
     Args:
         scans: (n, 3, beams, 2) ranges [m] and intensities, oldest first.
-        poses: (n, 3, 3) odometry of those scans.
+        poses: (n, 3, 3) believed poses of those scans.
         forecast: batched `Prediction`, read by the methods `forecast` and `truth` (there it comes from the simulator).
         motion: `config.Motion`: method and component.
         out: (n, 64, 64) float32 to write into, or None.

@@ -17,8 +17,13 @@ from dualnav_lite.kernels.movers import (
     WAITING,
 )
 from dualnav_lite.pop_ups import PopUpPlan
+from dualnav_lite.semantics import Surface
 
 __all__ = ["CROSSING", "FORKLIFT", "NONE", "PEDESTRIAN", "POP_UP", "PUSHABLE", "UNAWARE", "CrowdPlan", "MoverPlan"]
+
+SURFACE_OF_KIND = np.zeros(7, np.uint8)
+SURFACE_OF_KIND[[PEDESTRIAN, CROSSING, UNAWARE]] = Surface.PERSON
+SURFACE_OF_KIND[[POP_UP, PUSHABLE, FORKLIFT]] = Surface.BOX
 
 MAX_MOVERS = 12
 MAX_WAYPOINTS = 8

@@ -105,8 +105,7 @@ def train_stable(training: Training, path: Path, home: Path, workers: int = 1) -
         env: Any = ParallelVectorEnv(training.worlds, workers, config, scenarios)
     else:
         env = DynamicNavVectorEnv(training.worlds, config, scenarios)
-    limits = [config.hardware.max_lin_vel, config.hardware.max_ang_vel]
-    worlds = VecNormalize(Worlds(env, limits, rng), norm_obs=False, norm_reward=True, gamma=ppo.gamma)
+    worlds = VecNormalize(Worlds(env, config.hardware.limits, rng), norm_obs=False, norm_reward=True, gamma=ppo.gamma)
     model = StablePPO(
         "MlpPolicy",
         worlds,
@@ -149,8 +148,7 @@ class StableDriver:
         self._model = StablePPO.load(path, device="cpu")
         self._overrides, self.training_seed = overrides, training_seed
         self.fingerprint = hashlib.sha256(Path(path).read_bytes()).hexdigest()
-        hardware = Config().hardware
-        self._limits = np.array([hardware.max_lin_vel, hardware.max_ang_vel])
+        self._limits = Config().hardware.limits
 
     def reset(self, indices) -> None:
         """Nothing is remembered."""

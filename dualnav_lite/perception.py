@@ -1,7 +1,9 @@
 """From truth to what the robots know: scan, map over the link, tracks, prediction, guide, observation."""
 
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from dualnav_lite.lidar import Lidar
 from dualnav_lite.localiser import Localiser
 from dualnav_lite.mapping import Mapper
 from dualnav_lite.motion import STEP_S, STEPS, Prediction
+from dualnav_lite.robot import Robots
 from dualnav_lite.routing import Guide
 from dualnav_lite.scenario import Scenario
 from dualnav_lite.simulation import Simulation
@@ -42,6 +45,23 @@ class Percept:
     goal_robot: np.ndarray
     guide_robot: np.ndarray
     path_robot: np.ndarray
+
+    def infos(self, robots: Robots, preference, idle) -> dict[str, Any]:
+        """What planners and policies are told, by the names of an environment's infos; (n,) preference and idle."""
+        return {
+            "scan": self.scans,
+            "pose": self.pose,
+            "twist": robots.twist.copy(),
+            "battery": robots.battery.copy(),
+            "goal_robot": self.goal_robot,
+            "guide_robot": self.guide_robot,
+            "path_robot": self.path_robot,
+            "map": self.map,
+            "map_age_s": self.map_age_s,
+            "preference": preference.copy(),
+            "idle": idle,
+            "tracks": dict(vars(self.tracks)),
+        }
 
 
 class Perception:
@@ -168,30 +188,16 @@ class Perception:
             forecast = true_prediction(sim)
         elif observation.motion.method == "forecast":
             forecast = percept.prediction
-        if forecast is not None:
-            fields = (forecast.positions, forecast.velocities, forecast.valid, forecast.radii)
-            forecast = Prediction(*(values[worlds] for values in fields))
-        ego = Ego(
-            sim.robots.twist[worlds],
-            sim.robots.battery[worlds] if observation.battery == "measured" else np.ones_like(preference[worlds]),
-            percept.goal_robot[worlds],
-            percept.guide_robot[worlds],
-            percept.map_age_s[worlds],
-            preference[worlds],
-            forecast,
+        battery = sim.robots.battery if observation.battery == "measured" else np.ones_like(preference)
+        everybody = Ego(
+            sim.robots.twist, battery, percept.goal_robot, percept.guide_robot, percept.map_age_s, preference, forecast
         )
+        ego = everybody.rows(worlds)
         scans, poses = self._scans[worlds, -FLOW_SCANS:], self._poses[worlds, -FLOW_SCANS:]
         if self._encoder is None:
             return encode_states(scans, poses, percept.map[worlds], ego, observation)
-        return np.stack([self._encode_one(scans, poses, percept.map[worlds], ego, k) for k in range(len(scans))])
-
-    def _encode_one(self, scans, poses, crops, ego: Ego, k: int) -> np.ndarray:
-        forecast = ego.forecast
-        if forecast is not None:
-            forecast = Prediction(forecast.positions[k], forecast.velocities[k], forecast.valid[k], forecast.radii[k])
-        names = ("twist", "battery", "goal_robot", "guide_robot", "map_age_s", "preference")
-        own = Ego(**{name: getattr(ego, name)[k].copy() for name in names}, forecast=forecast)
-        return np.asarray(self._encoder(scans[k].copy(), poses[k].copy(), crops[k].copy(), own), np.float32)
+        given = zip(scans, poses, percept.map[worlds], map(ego.rows, range(len(scans))), strict=True)
+        return np.stack([np.asarray(self._encoder(*deepcopy(one)), np.float32) for one in given])
 
 
 def true_movers(sim: Simulation):

@@ -1,6 +1,5 @@
 """The LSTM predictor: its network, its loss, its training; what it has learned leaves as arrays for `forecast`."""
 
-import io
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,12 +12,13 @@ from pydantic import Field
 from torch import nn
 
 from dualnav_lite.config import Frozen, NonNegative, Positive, UnusableInput, write_atomic
-from dualnav_lite.forecast import OUTPUTS, Description, LstmPredictor, describe, turned
+from dualnav_lite.forecast import OUTPUTS, Description, describe, turned
 from dualnav_lite.forecast_errors import futures, match
 from dualnav_lite.geometry import to_robot
 from dualnav_lite.kernels.forecast import CONTEXT, SECTORS, SEQUENCE
 from dualnav_lite.motion import STEP_S, STEPS
 from dualnav_lite.tracking import Tracker, follow
+from dualnav_lite.weights import save_weights
 
 Count = Annotated[int, Field(ge=1)]
 TIMES = STEP_S * np.arange(1, STEPS + 1)
@@ -215,12 +215,9 @@ def save(network: Network, card: dict[str, Any], folder: str | Path, name: str =
         Path of each by its ending.
     """
     size = {"hidden": network.lstm.hidden_size, "middle": network.first.out_features}
-    content, arrays = io.BytesIO(), io.BytesIO()
-    torch.save({"network": network.state_dict(), "size": size, "card": card}, content)
-    np.savez_compressed(arrays, **exported(network))
     paths = {ending: Path(folder) / f"{name}.{ending}" for ending in ("pth", "npz")}
-    write_atomic(paths["pth"], content.getvalue())
-    write_atomic(paths["npz"], arrays.getvalue())
+    save_weights(paths["pth"], {"network": network.state_dict(), "size": size, "card": card})
+    write_atomic(paths["npz"], lambda file: np.savez_compressed(file, **exported(network)))
     return paths
 
 
@@ -241,8 +238,3 @@ def load(path: str | Path) -> tuple[Network, dict[str, Any]]:
         first = (str(error).strip().splitlines() or [type(error).__name__])[0]
         raise UnusableInput(f"{path}: not a predictor (.pth): {first[:120]}") from None
     return network.eval(), kept["card"]
-
-
-def predictor_of(network: Network) -> LstmPredictor:
-    """A network as the environment's predictor."""
-    return LstmPredictor(exported(network))

@@ -1,6 +1,5 @@
-"""Drives kept whole: scans, odometry, and where every mover really was, an episode at a time."""
+"""Drives kept whole: scans, believed poses, and where every mover really was, an episode at a time."""
 
-import io
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -26,7 +25,7 @@ class Recording:
     Attributes:
         scenario, arm, seed: which drive it is.
         scans: (frames, beams, 2) float32 range [m] and intensity.
-        poses: (frames, 3) odometry; true_poses: (frames, 3) world frame.
+        poses: (frames, 3) believed; true_poses: (frames, 3) world frame.
         movers: (frames, M, 2) true middles, world frame [m]; nan where a mover is not there (yet).
         map: (64, 64) float32 in [0, 1], the last map crop.
         page: what the environment counted (columns of `episodes.csv`); empty for a drive that was cut off.
@@ -51,7 +50,7 @@ class Recording:
         """The last scans at some frames, as a predictor gets them: before the first scan its copies stand.
 
         Returns:
-            scans (w, depth, beams, 2) and odometry (w, depth, 3).
+            scans (w, depth, beams, 2) and believed poses (w, depth, 3).
         """
         rows = np.maximum(np.asarray(frames)[:, None] + np.arange(1 - depth, 1), 0)
         return self.scans[rows], self.poses[rows]
@@ -136,12 +135,12 @@ def drive(
 
 
 def save(recording: Recording, folder: str | Path) -> None:
-    """Write a recording as the article lays it out, with odometry and truth beside the scans.
+    """Write a recording as the article lays it out, with believed and true poses beside the scans.
 
     `scans/NAME.npy` (frames, beams, 2), `maps/NAME.png` 64 x 64, `movers/NAME.npz` with the rest.
     """
     folder = Path(folder)
-    write_atomic(folder / "scans" / f"{recording.name}.npy", _bytes(lambda file: np.save(file, recording.scans)))
+    write_atomic(folder / "scans" / f"{recording.name}.npy", lambda file: np.save(file, recording.scans))
     picture = cv2.imencode(".png", np.round(255 * recording.map).astype(np.uint8))[1]
     write_atomic(folder / "maps" / f"{recording.name}.png", picture.tobytes())
     rest = {
@@ -150,14 +149,7 @@ def save(recording: Recording, folder: str | Path) -> None:
         "movers": recording.movers.astype(np.float32),
         "identity": np.array([recording.scenario, recording.arm, str(recording.seed)]),
     }
-    content = _bytes(lambda file: np.savez_compressed(file, **rest))
-    write_atomic(folder / "movers" / f"{recording.name}.npz", content)
-
-
-def _bytes(write) -> bytes:
-    buffer = io.BytesIO()
-    write(buffer)
-    return buffer.getvalue()
+    write_atomic(folder / "movers" / f"{recording.name}.npz", lambda file: np.savez_compressed(file, **rest))
 
 
 def load(folder: str | Path, name: str) -> Recording:

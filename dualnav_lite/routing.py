@@ -1,6 +1,5 @@
 """Ways through a room: distance fields over a whole grid, and the guide point along an A* path on the rolling map."""
 
-import cv2
 import numpy as np
 
 from dualnav_lite import config
@@ -39,23 +38,6 @@ def distance_field(occupied, goal_cell, resolution):
     return geodesic.geodesic(cost, goal_y, goal_x) * resolution
 
 
-def clearance_field(occupied, resolution):
-    """Distance from the centre of every cell to the centre of the nearest occupied one.
-
-    Args:
-        occupied: (H, W) bool.
-        resolution: cell size [m]; an occupied cell's edge lies half of it nearer than its centre.
-
-    Returns:
-        (H, W) f32 [m], 0 in occupied cells, inf everywhere if none is occupied.
-    """
-    occupied = np.asarray(occupied, bool)
-    if not occupied.any():
-        return np.full(occupied.shape, np.inf, np.float32)
-    free = np.ascontiguousarray(~occupied).astype(np.uint8)
-    return cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * np.float32(resolution)
-
-
 class Guide:
     """Keeps a path to the goal for each of n worlds and says where on it the robot should head next.
 
@@ -85,7 +67,7 @@ class Guide:
         Args:
             grids: (n, G, G) u8 `Cell` codes, toroidal: cell (iy, ix) of the map frame stands at [iy mod G, ix mod G].
                 Only the rows of due worlds are read.
-            poses: (n, 3) robot, map (odometry) frame.
+            poses: (n, 3) believed, map frame.
             goals: (n, 2) [m], map frame.
             step: (n,) control steps since the start of each episode.
             due: (n,) bool, or None for `is_due`. A world whose goal is new is always planned.

@@ -8,7 +8,7 @@ from dualnav_lite.geometry import to_robot, to_world
 from dualnav_lite.kernels.clearance import hull_clearance
 from dualnav_lite.kernels.scene import place_movers, read_field, renew_phantoms
 from dualnav_lite.layout import Layout, generate
-from dualnav_lite.pedestrians import CROSSING, FORKLIFT, PEDESTRIAN, POP_UP, PUSHABLE, UNAWARE, Movers
+from dualnav_lite.pedestrians import SURFACE_OF_KIND, Movers
 from dualnav_lite.robot import Robots
 from dualnav_lite.rooms import FIELD_RESOLUTION_M
 from dualnav_lite.scenario import Scenario
@@ -18,9 +18,6 @@ from dualnav_lite.world import World
 
 MAX_PHANTOMS = 8
 RESTART_CLEARANCE_M = 0.6  # a robot re-placed after a contact has this much room around its middle
-_SURFACE_OF_KIND = np.zeros(7, np.uint8)
-_SURFACE_OF_KIND[[PEDESTRIAN, CROSSING, UNAWARE]] = Surface.PERSON
-_SURFACE_OF_KIND[[POP_UP, PUSHABLE, FORKLIFT]] = Surface.BOX
 
 
 class Simulation:
@@ -174,7 +171,7 @@ class Simulation:
             )
         place_movers(
             movers.kinds,
-            _SURFACE_OF_KIND,
+            SURFACE_OF_KIND,
             movers.active,
             movers.states,
             movers.radii,

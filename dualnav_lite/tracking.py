@@ -32,7 +32,7 @@ class Tracks:
 
 
 class Tracker:
-    """Follows scan clusters of n worlds in their odometry frames and tells which of them move.
+    """Follows scan clusters of n worlds in their map frames and tells which of them move.
 
     A scan is cut at range jumps; each small, bright enough cluster is placed as a round thing, matched to the nearest
     track and smoothed by a Kalman filter of constant velocity. A track moves once it is faster than 0.25 m/s *and*
@@ -45,7 +45,7 @@ class Tracker:
         depth: number of scans whose tracks are kept for `past`; 0 for none.
 
     Attributes:
-        states: (n, T, `kernel.COLUMNS`) every track, moving or not, odometry frame; an age of 0 marks a free row.
+        states: (n, T, `kernel.COLUMNS`) every track, moving or not, map frame; an age of 0 marks a free row.
         rows: (n, K) row of `states` behind each mover of the last `Tracks`, -1 for none.
     """
 
@@ -65,11 +65,11 @@ class Tracker:
         self._counts[indices] = 0
         self._past[indices] = 0.0
 
-    def update(self, poses_odom, scans, active=None) -> Tracks:
+    def update(self, poses, scans, active=None) -> Tracks:
         """Take in one scan a world.
 
         Args:
-            poses_odom: (n, 3) odometry.
+            poses: (n, 3) believed poses, map frame.
             scans: (n, beams, 2) f32 ranges [m] and intensities; intensity 0 marks a lost beam.
             active: (n,) bool or None for all; other worlds keep their tracks as they are.
 
@@ -81,7 +81,7 @@ class Tracker:
             self._ranges = np.zeros((n, _MEMORY, beams), np.float32)
         active = np.ones(n, bool) if active is None else active
         kernel.step_tracks(
-            scans, poses_odom, active, self.dt, self.states, self._places, self._ranges, self._poses, self._counts
+            scans, poses, active, self.dt, self.states, self._places, self._ranges, self._poses, self._counts
         )
         tracks = Tracks(
             np.empty((n, MAX_MOVERS, 2)),
@@ -92,7 +92,7 @@ class Tracker:
         )
         kernel.nearest_movers(
             self.states,
-            poses_odom,
+            poses,
             tracks.positions,
             tracks.velocities,
             tracks.radii,
@@ -108,7 +108,7 @@ class Tracker:
     def past(self, tracks: Tracks) -> np.ndarray:
         """(n, K, depth, `kernel.COLUMNS`) what the last update's `tracks` were after each of the last scans.
 
-        Odometry frame; an age of 0 before a thing was first seen, and everywhere for a row that is not valid.
+        Map frame; an age of 0 before a thing was first seen, and everywhere for a row that is not valid.
         """
         states = self._past[np.arange(len(self.rows))[:, None], :, self.rows]
         was_it = states.shape[2] - tracks.ages[..., None] <= np.arange(states.shape[2])  # earlier its row was another's
@@ -139,7 +139,7 @@ def follow(scans, poses) -> tuple[Tracks, np.ndarray]:
 
     Args:
         scans: (n, f, beams, 2), oldest first.
-        poses: (n, f, 3) odometry.
+        poses: (n, f, 3) believed.
     """
     scans, poses = np.asarray(scans, np.float32), np.asarray(poses, float)
     n, depth = scans.shape[:2]
@@ -160,7 +160,7 @@ class ConstantVelocityPredictor:
 
         Args:
             scans: (n, 10, beams, 2), oldest first.
-            poses: (n, 10, 3) odometry.
+            poses: (n, 10, 3) believed.
 
         Returns:
             positions (n, K, STEPS, 2) [m], velocities (n, K, 2) [m/s], valid (n, K), in the newest robot frame.

@@ -69,9 +69,8 @@ class Trainer:
 
     def make_actor(self) -> Actor:
         """An untrained policy of this training's shape."""
-        hardware = self.config.hardware
         shape = (num_channels(self.config.observation), 64, 64)
-        return make_actor(shape, self.training.head, [hardware.max_lin_vel, hardware.max_ang_vel], self.training.grain)
+        return make_actor(shape, self.training.head, self.config.hardware.limits.tolist(), self.training.grain)
 
     def _claim_folder(self) -> None:
         """Keep the resolved settings in the folder; refuse one that belongs to another training."""

@@ -1,6 +1,5 @@
 """The predictor's training as a product: drives, samples, fit, the same files for any number of processes and stops."""
 
-import io
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -66,9 +65,7 @@ def _collect_shard(path: Path, scenario: str, arm: str, seeds, every: int) -> No
         return
     torch.set_num_threads(1)
     samples = Samples.join(Samples.of(one, every) for one in drive(scenario, arm, seeds))
-    content = io.BytesIO()
-    np.savez(content, **vars(samples))
-    write_atomic(path, content.getvalue())
+    write_atomic(path, lambda file: np.savez(file, **vars(samples)))
 
 
 def _load_shard(path: Path) -> Samples:

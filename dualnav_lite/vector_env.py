@@ -228,24 +228,12 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
             terms = {name: np.zeros(n) for name in rewards.TERMS}
             vector = np.zeros((n, len(rewards.TERMS)))
             weights = rewards.reward_weights(self.preference, sim.robots.battery, self.config.rewards)
-        infos = {
-            "scan": percept.scans,
-            "pose": percept.pose,
-            "twist": sim.robots.twist.copy(),
-            "battery": sim.robots.battery.copy(),
-            "goal_robot": percept.goal_robot,
-            "guide_robot": percept.guide_robot,
-            "path_robot": percept.path_robot,
-            "map": percept.map,
-            "map_age_s": percept.map_age_s,
-            "preference": self.preference.copy(),
+        infos = percept.infos(sim.robots, self.preference, self.task.is_idle(sim.times_s)) | {
             "reward_terms": terms,
             "vector_reward": vector,
             "reward_weights": weights,
             "clipped": clipped,
-            "idle": self.task.is_idle(self.sim.times_s),
             "time_s": sim.times_s.copy(),
-            "tracks": dict(vars(percept.tracks)),
         }
         if self._show_map:
             infos["received_map"] = self.perception.mapper.received.copy()

@@ -1,6 +1,5 @@
 """Weights on disk: written whole, read without running code."""
 
-import io
 import pickle
 from pathlib import Path
 
@@ -24,6 +23,4 @@ def load_weights(path: Path):
 
 def save_weights(path: Path, state) -> None:
     """Write tensors whole or not at all."""
-    buffer = io.BytesIO()
-    torch.save(state, buffer)
-    write_atomic(path, buffer.getvalue())
+    write_atomic(path, lambda file: torch.save(state, file))

@@ -5,24 +5,15 @@ import pymunk
 from pymunk import batch
 
 from dualnav_lite.layout import Layout
-from dualnav_lite.pedestrians import CROSSING, FORKLIFT, PEDESTRIAN, POP_UP, PUSHABLE, UNAWARE
+from dualnav_lite.pedestrians import PEDESTRIAN, PUSHABLE, SURFACE_OF_KIND
 from dualnav_lite.semantics import Surface
 
 ROBOT_CONTACT = 100  # collision type of the hull; solids carry their `Surface`
 FLOOR_FRICTION = 0.4  # of a pushable box
 GRAVITY_M_S2 = 9.81
 _READ = batch.BodyFields.POSITION | batch.BodyFields.ANGLE | batch.BodyFields.VELOCITY
-_set_velocity = vars(pymunk.Body)[
-    "velocity"
-].fset  # the property's setter: pymunk's attribute hook costs more than the call
-_SURFACE_OF_KIND = {
-    PEDESTRIAN: Surface.PERSON,
-    CROSSING: Surface.PERSON,
-    POP_UP: Surface.BOX,
-    PUSHABLE: Surface.BOX,
-    FORKLIFT: Surface.BOX,
-    UNAWARE: Surface.PERSON,
-}
+# The property's setter: pymunk's attribute hook costs more than the call.
+_set_velocity = vars(pymunk.Body)["velocity"].fset
 
 
 class World:
@@ -43,7 +34,7 @@ class World:
         self._robot = self._add_robot(layout.start, hull_radius, mass)
         self._movers = [self._add_mover(plan) for plan in layout.movers]
         self._driven = [m for m, plan in enumerate(layout.movers) if plan.kind != PUSHABLE]
-        for surface in set(_SURFACE_OF_KIND.values()) | {Surface.WALL, Surface.DOOR, Surface.FURNITURE}:
+        for surface in (Surface.WALL, Surface.DOOR, Surface.FURNITURE, Surface.PERSON, Surface.BOX):
             self._space.on_collision(ROBOT_CONTACT, int(surface), begin=self._touch, data={"surface": surface})
         self._buffer = batch.Buffer()
         bodies = [self._robot, *self._movers]
@@ -83,7 +74,7 @@ class World:
             shape: pymunk.Shape = pymunk.Circle(body, plan.radius)
         else:
             shape = pymunk.Poly.create_box(body, (2 * plan.half_length, 2 * plan.half_width))
-        shape.collision_type = int(_SURFACE_OF_KIND[plan.kind])
+        shape.collision_type = int(SURFACE_OF_KIND[plan.kind])
         self._space.add(body, shape)
         if plan.kind == PUSHABLE:
             self._hold_by_floor(body, plan)

@@ -4,9 +4,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualnav_lite.geometry import distance_to_boxes
+from dualnav_lite.geometry import to_robot
 from dualnav_lite.scene import Scene
 from dualnav_lite.semantics import Surface
+
+
+def distance_to_boxes(points, boxes):
+    """Distance from each point to each oriented box, 0 inside.
+
+    Args:
+        points: (p, 2) [m].
+        boxes: (b, 5) as in `box_corners`.
+
+    Returns:
+        (p, b) [m].
+    """
+    points, boxes = np.atleast_2d(np.asarray(points, float)), np.asarray(boxes, float).reshape(-1, 5)
+    local = np.abs(to_robot(points[:, None, :], boxes[None, :, :3]))
+    outside = np.maximum(local - boxes[None, :, 3:5], 0.0)
+    return np.hypot(outside[..., 0], outside[..., 1])
 
 
 @dataclass

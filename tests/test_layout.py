@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from dualnav_lite.config import Config, UnusableInput
-from dualnav_lite.geometry import distance_to_boxes
 from dualnav_lite.kernels.clearance import hull_clearance, line_clearance, point_clearance, static_clearance
 from dualnav_lite.layout import generate
 from dualnav_lite.rooms import FIELD_RESOLUTION_M
 from dualnav_lite.scenario import Scenario as ScenarioModel
 from dualnav_lite.scenario import all_scenarios, load_scenario, validated
+from tests.rooms import distance_to_boxes
 
 SEEDS = range(1_000_000, 1_000_030)
 SHORT = [name for name in all_scenarios() if name != "battery"]

@@ -21,7 +21,6 @@ from dualnav_lite.predictor import (
     fit,
     load,
     mirrored,
-    predictor_of,
     save,
 )
 from dualnav_lite.recording import load as load_recording
@@ -146,7 +145,7 @@ def test_the_shipped_predictor_beats_constant_velocity_on_the_committed_drive():
     recording = load_recording(SAMPLE, names(SAMPLE)[0])
     models = {
         "constant_velocity": ConstantVelocityPredictor(),
-        "lstm": predictor_of(load(SHIPPED.with_suffix(".pth"))[0]),
+        "lstm": LstmPredictor(exported(load(SHIPPED.with_suffix(".pth"))[0])),
     }
     errors = errors_of(models, recording)
     assert len(errors["lstm"]) > 20

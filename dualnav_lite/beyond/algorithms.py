@@ -23,7 +23,7 @@ from dualnav_lite.encoder import BANDS, read_bands
 from dualnav_lite.env import DynamicNavVectorEnv
 from dualnav_lite.episodes import OUTCOMES, SEEDS
 from dualnav_lite.evaluate import evaluate
-from dualnav_lite.metrics import wilson_interval
+from dualnav_lite.metrics import mean_interval, wilson_interval
 from dualnav_lite.ppo import PPO
 from dualnav_lite.ppo_loop import learn_ppo
 from dualnav_lite.survival import survived
@@ -75,7 +75,7 @@ class SectorWorlds(gymnasium.vector.VectorEnv):
         self.single_observation_space = gymnasium.spaces.Box(-1.0, 1.0, (SECTORS + len(BANDS),), np.float32)
         box = self._env.single_action_space
         hardware = self._env.config.hardware
-        self.limits = np.array([hardware.max_lin_vel, hardware.max_ang_vel])
+        self.limits = hardware.limits
         self.single_action_space = gymnasium.spaces.Discrete(len(ACTIONS)) if discrete else box
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -168,14 +168,10 @@ def row_of(algorithm: str, seed: int, steps: int, pages, rows: pd.DataFrame) -> 
     n, good = len(rows), int(survived(rows).sum())
     found = rows.outcome.map(OUTCOMES)
 
-    def mean(values):
-        half = 1.96 * values.std(ddof=1) / np.sqrt(n)
-        return [values.mean(), values.mean() - half, values.mean() + half]
-
     turns = rows.omega_sign_changes.astype(float) / rows.time_s
     learning = [kinds.count("collision"), early, kinds.count("survived"), len(pages)]
     rates = [n, good, good / n, *wilson_interval(good, n), (found == "collision").sum(), (found == "timeout").sum()]
-    values = [algorithm, seed, steps, *learning, *rates, *mean(rows.accel_rms), *mean(turns)]
+    values = [algorithm, seed, steps, *learning, *rates, *mean_interval(rows.accel_rms), *mean_interval(turns)]
     return dict(zip(COLUMNS, values, strict=True))
 
 

@@ -25,7 +25,7 @@ from dualnav_lite.config import Config, with_overrides
 from dualnav_lite.deploy import make_driver
 from dualnav_lite.interface import split_infos
 from dualnav_lite.metrics import exact_interval, wilson_interval
-from dualnav_lite.perception import Percept, Perception
+from dualnav_lite.perception import Perception
 from dualnav_lite.robot import Robots
 from dualnav_lite.scenario import load_scenario
 from dualnav_lite.scene import Scene
@@ -114,26 +114,6 @@ class CrowdWorlds:
         return found
 
 
-def infos_of(worlds: CrowdWorlds, percept: Percept, preference: float) -> list[dict]:
-    """What planners and policies may know, a dictionary a case."""
-    n = len(worlds.cases)
-    fields = {
-        "scan": percept.scans,
-        "pose": percept.pose,
-        "twist": worlds.robots.twist.copy(),
-        "battery": worlds.robots.battery.copy(),
-        "goal_robot": percept.goal_robot,
-        "guide_robot": percept.guide_robot,
-        "path_robot": percept.path_robot,
-        "map": percept.map,
-        "map_age_s": percept.map_age_s,
-        "preference": np.full(n, preference),
-        "tracks": dict(vars(percept.tracks)),
-        "idle": worlds.arrival_s < np.inf,
-    }
-    return split_infos(fields, n)
-
-
 def drive_cases(arm: str, cases: list[Case], config: Config, walls_m=None, preference: float = 0.5) -> CrowdWorlds:
     """Let a lidar arm of this kit drive some cases to their end.
 
@@ -152,20 +132,18 @@ def drive_cases(arm: str, cases: list[Case], config: Config, walls_m=None, prefe
         perception.reset(i, scenario, TEST_SEED + i, sim)
     driver.reset(np.arange(n))
     preferences = np.full(n, preference)
+    limits = config.hardware.limits
     while worlds.steps[0] * config.control_dt_s < LIMIT_S:
         percept = perception.sense(sim, everybody, np.zeros(n, bool))
         observations = perception.encode(percept, sim, preferences, slice(None))
-        commands = np.array(driver.act(observations, infos_of(worlds, percept, preference)), float)
+        infos = split_infos(percept.infos(worlds.robots, preferences, worlds.arrival_s < np.inf), n)
+        commands = np.array(driver.act(observations, infos), float)
         done = (worlds.arrival_s < np.inf) | (worlds.contact_s[:, 1] < np.inf)
         if done.all():
             break
         commands[done] = 0.0
-        worlds.advance(np.clip(commands, -_limits(config), _limits(config)))
+        worlds.advance(np.clip(commands, -limits, limits))
     return worlds
-
-
-def _limits(config: Config) -> np.ndarray:
-    return np.array([config.hardware.max_lin_vel, config.hardware.max_ang_vel])
 
 
 def row_of(setting: str, people: int, arm: str, knows: str, radii, results: list[tuple[str, float]]) -> dict:

@@ -18,8 +18,9 @@ from dualnav_lite.command_reader import CommandReader
 from dualnav_lite.config import Config, UnusableInput
 from dualnav_lite.deploy import make_driver
 from dualnav_lite.episodes import SEEDS
-from dualnav_lite.fleet import CrossTerm, FleetWorlds, draw_layout, infos_of
-from dualnav_lite.metrics import wilson_interval
+from dualnav_lite.fleet import CrossTerm, FleetWorlds, draw_layout
+from dualnav_lite.interface import split_infos
+from dualnav_lite.metrics import mean_interval, wilson_interval
 from dualnav_lite.motion import STEP_S, STEPS
 from dualnav_lite.perception import Perception
 from dualnav_lite.scenario import Scenario, load_scenario
@@ -107,7 +108,7 @@ def drive_fleets(scenario: Scenario, seeds: Sequence[int], config: Config, arm: 
             if term < 0 and under_way[row]:
                 deviations[row // each].append(-float(term))
         images = perception.encode(percept, sim, preference, slice(None))
-        infos = infos_of(worlds, percept, preference)
+        infos = split_infos(percept.infos(worlds.robots, preference, worlds.outcomes != ""), n)
         near = np.array([any(under_way[other] for other in worlds.nearby_robots(row)) for row in range(n)])
         worlds.advance(driver.act(images, infos, near))
         times += under_way * config.control_dt_s
@@ -129,14 +130,12 @@ def row_of(scenario: Scenario, arm: str, weight: float, runs: list[dict]) -> dic
     n, arrived = len(outcomes), outcomes.count("goal")
     whole = sum(all(one == "goal" for one in run["outcomes"]) for run in runs)
     deviations = np.array([run["deviation_m"] for run in runs if np.isfinite(run["deviation_m"])])
-    half = 1.96 * deviations.std(ddof=1) / np.sqrt(len(deviations)) if len(deviations) > 1 else np.nan
-    mean = deviations.mean() if len(deviations) else np.nan
     hits = [outcomes.count("hit_robot"), sum(one.startswith("hit_") and one != "hit_robot" for one in outcomes)]
     times = [t for run in runs for t, one in zip(run["times"], run["outcomes"], strict=True) if one == "goal"]
     energies = np.concatenate([run["energy"] for run in runs])
     begin = [scenario.id, scenario.fleet.robots, arm, weight, len(runs), arrived, arrived / n]
     middle = [*wilson_interval(arrived, n), *hits, outcomes.count("timeout"), whole / len(runs)]
-    end = [mean, mean - half, mean + half, np.mean(times) if times else np.nan, energies.mean()]
+    end = [*mean_interval(deviations), np.mean(times) if times else np.nan, energies.mean()]
     return dict(zip(COLUMNS, [*begin, *middle, *wilson_interval(whole, len(runs)), *end], strict=True))
 
 

@@ -2,7 +2,6 @@
 
 import tempfile
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -13,7 +12,7 @@ from dualnav_lite.episodes import SEEDS
 from dualnav_lite.evaluate import evaluate
 from dualnav_lite.highway import HighwayVectorEnv
 from dualnav_lite.highway.tasks import TrafficTask
-from dualnav_lite.metrics import wilson_interval
+from dualnav_lite.metrics import mean_interval, wilson_interval
 from dualnav_lite.pareto import safe_distance
 from dualnav_lite.policy import Actor
 from dualnav_lite.ppo import PPO
@@ -90,9 +89,6 @@ class Follower:
     needs_truth = needs_full_map = False
     top_speed, gap_s, least_m, acceleration, braking = TrafficTask.top_speed, 1.5, 2.0, 1.5, 3.0
 
-    def __init__(self, training_seed: int | None = None):
-        self.training_seed = training_seed
-
     def reset(self, indices) -> None:
         """Nothing is remembered."""
 
@@ -112,18 +108,15 @@ class Follower:
         return np.stack([np.clip(self.acceleration * pull, -4.0, 4.0), -0.02 * offset - 0.5 * heading], axis=1)
 
 
-def judge(
-    driver, scenario: str, preference: float, episodes: int, seed_base: int | None = None, out=None
-) -> pd.DataFrame:
-    """Rows of `episodes.csv` of one driver, by the same `evaluate` that judges the robot's arms."""
-    first = SEEDS["test"].start if seed_base is None else seed_base
+def judge(driver, scenario: str, preference: float, episodes: int, first: int = SEEDS["test"].start) -> pd.DataFrame:
+    """Rows of `episodes.csv` of one driver from a seed on, by the same `evaluate` that judges the robot's arms."""
 
     def make_env(num_envs, config, task, planner):
         return HighwayVectorEnv(num_envs, config, task, autoreset=False)
 
     with tempfile.TemporaryDirectory() as folder:
         return evaluate(
-            [getattr(driver, "name", "ppo")], [scenario], range(first, first + episodes), out or folder,
+            [getattr(driver, "name", "ppo")], [scenario], range(first, first + episodes), folder,
             config=config_of(scenario, preference), progress=False, make_planner=lambda arm, config: driver,
             make_env=make_env,
         )  # fmt: skip
@@ -133,13 +126,9 @@ def row_of(rows: pd.DataFrame, arm: str, steps: int | None) -> dict:
     """One row of the table from the episodes of one driver at one preference; means with 1.96 standard errors."""
     n, good = len(rows), int(survived(rows).sum())
 
-    def mean(values):
-        half = 1.96 * values.std(ddof=1) / np.sqrt(n) if n > 1 else np.nan
-        return [values.mean(), values.mean() - half, values.mean() + half]
-
     first = rows.iloc[0]
     kinds = [rows.outcome.str.startswith("hit_").sum(), (rows.outcome == "timeout").sum()]
-    measured = [*mean(safe_distance(rows)), *mean(rows.energy_j / 1e3), rows.time_s.mean()]
+    measured = [*mean_interval(safe_distance(rows)), *mean_interval(rows.energy_j / 1e3), rows.time_s.mean()]
     begin = [first.scenario, arm, first.training_seed, steps, first.preference, n, good / n, *wilson_interval(good, n)]
     return dict(zip(COLUMNS, [*begin, *kinds, *measured], strict=True))
 
@@ -183,7 +172,6 @@ def highway_table(
     episodes: int = 100,
     peers: bool = True,
     on_row: Callable[[pd.DataFrame], None] = lambda table: None,
-    out: str | Path | None = None,
 ) -> pd.DataFrame:
     """Our PPO, SB3's where it is installed, and a planner in traffic, on the same seeds at each preference.
 

@@ -9,7 +9,6 @@ come over the link, so they stand in the log.
 """
 
 import ast
-import io
 import json
 import os
 import subprocess
@@ -83,9 +82,7 @@ scans, poses = [log["scan"][0]] * 3, [log["pose"][0]] * 3
 for k in range(len(log["scan"])):
     begin = time.process_time()
     scans, poses = [*scans[1:], log["scan"][k]], [*poses[1:], log["pose"][k]]
-    forecast = constant_velocity(tracker.update(poses[-1][None], scans[-1][None]))
-    for name in ("positions", "velocities", "valid", "radii"):
-        setattr(forecast, name, getattr(forecast, name)[0])
+    forecast = constant_velocity(tracker.update(poses[-1][None], scans[-1][None])).rows(0)
     own = {name: log[name][k] for name in ("twist", "battery", "goal_robot", "guide_robot", "map_age_s", "preference")}
     state = encode_state(np.stack(scans), np.stack(poses), log["map"][k], Ego(**own, forecast=forecast))
     v, omega = policy.get_action(state[None])
@@ -159,9 +156,8 @@ def build(folder: str | Path, scenario: str = "crowd_crossing", seed: int = 2_00
     write_atomic(folder / "dualnav_lite" / "config.py", settings)
     for package in ("dualnav_lite", "dualnav_lite/kernels"):
         write_atomic(folder / package / "__init__.py", "")
-    log = io.BytesIO()
-    np.savez_compressed(log, **record(policy, scenario, seed, frames))
-    write_atomic(folder / "scans.npz", log.getvalue())
+    log = record(policy, scenario, seed, frames)
+    write_atomic(folder / "scans.npz", lambda file: np.savez_compressed(file, **log))
     write_atomic(folder / "ppo_actor.onnx", model.read_bytes())
     write_atomic(folder / "replay.py", REPLAY)
     return sum(path.stat().st_size for path in folder.rglob("*") if path.suffix != ".pyc") / 1e6

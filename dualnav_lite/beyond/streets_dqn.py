@@ -17,7 +17,7 @@ from dualnav_lite.beyond.streets import (
     weigh,
 )
 from dualnav_lite.episodes import SEEDS
-from dualnav_lite.metrics import wilson_interval
+from dualnav_lite.metrics import mean_interval, wilson_interval
 
 GOAL = 48  # the corner of the town where the walker lives
 STEPS, WALKERS, HIDDEN = 60_000, 32, 128
@@ -66,13 +66,9 @@ def row_of(arm: str, training_seed, preference: float, walks, best) -> dict:
     arrived = np.array([walk[2] for walk in walks])
     metres, risk = np.array([walk[:2] for walk in walks], float)[arrived].T
     excess = weigh(metres, risk, preference) / np.asarray(best)[arrived] - 1.0
-    half = 1.96 * excess.std(ddof=1) / np.sqrt(len(excess)) if len(excess) > 1 else np.nan
     rates = [len(walks), arrived.mean(), *wilson_interval(arrived.sum(), len(walks))]
-    means = [np.nan] * 5
-    if len(excess):
-        mean = excess.mean()
-        means = [metres.mean(), risk.mean(), mean, mean - half, mean + half]
-    return dict(zip(COLUMNS, [arm, training_seed, preference, *rates, *means], strict=True))
+    means = [metres.mean(), risk.mean()] if len(excess) else [np.nan, np.nan]
+    return dict(zip(COLUMNS, [arm, training_seed, preference, *rates, *means, *mean_interval(excess)], strict=True))
 
 
 def front_table(walks: int = 100, seeds=(0, 1, 2), steps: int = STEPS, on_row=lambda table: None) -> pd.DataFrame:

@@ -6,10 +6,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from dualnav_lite.figures.sheet import SMALL, Sheet, Words
+from dualnav_lite.figures.sheet import COLOURS, MARKERS, SMALL, Sheet, Words
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
-MARKERS = ("o", "s", "^", "D")
 Read = Callable[[str], pd.DataFrame]
 
 

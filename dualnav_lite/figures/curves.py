@@ -4,12 +4,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dualnav_lite.config import Config, Hardware
-from dualnav_lite.figures.sheet import SMALL, Sheet, Words, play, play_until, show_key, show_room
+from dualnav_lite.figures.sheet import COLOURS, SMALL, Sheet, Words, play, play_until, show_key, show_room
 from dualnav_lite.kernels.drive import power as power_drawn
 from dualnav_lite.kernels.scan_noise import noise_levels
 from dualnav_lite.robot import drive_parameters
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 LIGHT = ("navigation", "low_light", "low_light_phantoms")
 LIGHT_SEED, LIGHT_TIME_S = 1_000_003, 3.0
 BATTERY_SEED, BATTERY_TIME_S = 1_000_001, 300.0

@@ -14,14 +14,11 @@ from dualnav_lite.config import UnusableInput, write_atomic
 from dualnav_lite.figures import FORMATS, LANGUAGES, _check, _save, runs, style_of
 from dualnav_lite.figures.beyond import BEYOND
 from dualnav_lite.figures.captions import caption_lines
-from dualnav_lite.figures.sheet import QUIET, SMALL, Sheet, Words
+from dualnav_lite.figures.sheet import COLOURS, MARKERS, QUIET, SMALL, Sheet, Words
 from dualnav_lite.judge import PUBLISHED, bounds
 from dualnav_lite.reference import REFERENCE
 from dualnav_lite.scenario import load_scenario
 
-# Okabe and Ito's palette: told apart with every common colour blindness; markers differ as well, for print in grey.
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c8c8c")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<")
 ARM_LOOK = {"ppo": 0, "ppo_filter": 1, "cv_sampling": 2, "orca": 3, "astar": 4, "rrtstar": 5, "ceiling": 6, "dwa": 7}
 Read = Callable[[str], pd.DataFrame]
 

@@ -5,13 +5,13 @@ from matplotlib.figure import Figure
 
 from dualnav_lite import rewards
 from dualnav_lite.episodes import SEEDS
-from dualnav_lite.figures.sheet import QUIET, SMALL, Sheet, Words, show_room
+from dualnav_lite.figures.sheet import COLOURS, QUIET, SMALL, Sheet, Words, show_room
 from dualnav_lite.traces import step_trace
 
 TRAJECTORY_ARMS = ("ppo", "astar", "straight")
 TRAJECTORY_SCENARIOS = ("pop_up", "crowd_crossing", "navigation")
 SEED = SEEDS["tuning"].start + 22  # a crossing that is easy to see
-TERM_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000")
+TERM_COLOURS = (*COLOURS[:4], COLOURS[6])
 DASHES = ("-", (0, (5, 2)), (0, (1, 1.3)), (0, (6, 2, 1, 2)), (0, (3, 1, 1, 1, 1, 1)))
 
 

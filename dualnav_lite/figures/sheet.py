@@ -12,10 +12,9 @@ from dualnav_lite.config import Config
 from dualnav_lite.encoder import BAND_EDGES, BANDS, CHANNELS
 from dualnav_lite.figures.chinese import CHINESE
 from dualnav_lite.floorplan import VIEW_M, WALL_M
-from dualnav_lite.interface import split_infos
-from dualnav_lite.planners import make_planner
 from dualnav_lite.render import coloured_channel, draw_room, key_to_room
 from dualnav_lite.scenario import Scenario
+from dualnav_lite.traces import drive
 from dualnav_lite.vector_env import DynamicNavVectorEnv
 
 DPI = 120
@@ -23,6 +22,9 @@ PIXELS_PER_M = 72.0
 SMALL = 13.5  # points; read at half the size in a README
 QUIET = "#6e7278"
 LEGEND_COLUMNS = 5
+# Okabe and Ito's palette: told apart with every common colour blindness; markers differ as well, for print in grey.
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c8c8c")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<")
 
 
 class Words:
@@ -69,23 +71,7 @@ class Sheet:
 
 def play(scenario: str | Scenario, seed: int, config: Config | None = None, arm: str = "ceiling") -> Iterator:
     """The environment of one episode at its start and after each step, driven by a planner, until the episode ends."""
-    config = config or Config()
-    planner = make_planner(arm, config)
-    env = DynamicNavVectorEnv(
-        1,
-        config,
-        scenario,
-        truth=planner.needs_truth,
-        full_map=planner.needs_full_map,
-        autoreset=False,
-        render_mode="rgb_array",
-    )
-    observations, infos = env.reset(seed=seed)
-    planner.reset([0])
-    yield env
-    while not env.is_done[0]:
-        observations, _, _, _, infos = env.step(planner.act(observations, split_infos(infos, 1)))
-        yield env
+    return (env for env, _ in drive(arm, scenario, seed, "rgb_array", config))
 
 
 def play_until(time_s: float, scenario: str | Scenario, seed: int, config: Config | None = None) -> DynamicNavVectorEnv:

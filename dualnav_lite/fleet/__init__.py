@@ -6,14 +6,12 @@ names, `predict_other_traj` and `get_actual_traj`; `fleet_drive` measures what i
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from dualnav_lite import streams
 from dualnav_lite.config import Config, UnusableInput
 from dualnav_lite.geometry import to_world
-from dualnav_lite.interface import split_infos
 from dualnav_lite.kernels.clearance import hull_clearance
 from dualnav_lite.kernels.scene import read_field
 from dualnav_lite.motion import STEPS
@@ -142,7 +140,7 @@ class FleetWorlds:
     def advance(self, commands) -> None:
         """One control step; commands (rows, 2) of robots that are done are taken as zero."""
         under_way = self.outcomes == ""
-        high = np.array([self.config.hardware.max_lin_vel, self.config.hardware.max_ang_vel])
+        high = self.config.hardware.limits
         commands = np.where(under_way[:, None], np.clip(commands, -high, high), 0.0)
         self.robots.drive(self.poses[:, 2], commands)
         before = self.poses.copy()
@@ -211,16 +209,3 @@ class CrossTerm:
                     said[row, int(other)] = way
         self._said = [*self._said[1 - STEPS :], said]
         return found
-
-
-def infos_of(worlds: FleetWorlds, percept: Percept, preference) -> list[dict[str, Any]]:
-    """What planners and policies may know, a dictionary a robot."""
-    n = len(worlds.poses)
-    fields = {
-        "scan": percept.scans, "pose": percept.pose, "twist": worlds.robots.twist.copy(),
-        "battery": worlds.robots.battery.copy(), "goal_robot": percept.goal_robot, "guide_robot": percept.guide_robot,
-        "path_robot": percept.path_robot, "map": percept.map, "map_age_s": percept.map_age_s,
-        "preference": np.broadcast_to(preference, n).copy(), "tracks": dict(vars(percept.tracks)),
-        "idle": worlds.outcomes != "",
-    }  # fmt: skip
-    return split_infos(fields, n)

@@ -6,8 +6,8 @@ import numpy as np
 
 from dualnav_lite import rewards
 from dualnav_lite.config import Config, UnusableInput
-from dualnav_lite.fleet import CrossTerm, FleetWorlds, draw_layout, infos_of
-from dualnav_lite.interface import action_box, checked_actions, observation_box
+from dualnav_lite.fleet import CrossTerm, FleetWorlds, draw_layout
+from dualnav_lite.interface import action_box, checked_actions, observation_box, split_infos
 from dualnav_lite.perception import Percept, Perception
 from dualnav_lite.scenario import Scenario, load_scenario
 
@@ -64,7 +64,7 @@ class FleetEnv:
         """Observations and infos of the agents that are under way."""
         sim: Any = self.worlds
         images = self._perception.encode(self._percept, sim, self._preference, slice(None))
-        infos = infos_of(sim, self._percept, self._preference)
+        infos = split_infos(self._percept.infos(sim.robots, self._preference, sim.outcomes != ""), len(sim.poses))
         rows = [self.possible_agents.index(agent) for agent in self.agents]
         for row in rows:
             infos[row]["r_cross"] = float(cross[row])

@@ -58,7 +58,7 @@ class Perturbed:
 
     def __init__(self, driver, change, config: Config):
         self._driver, self._change = driver, change
-        self._limits = np.array([config.hardware.max_lin_vel, config.hardware.max_ang_vel])
+        self._limits = config.hardware.limits
         self.needs_truth, self.needs_full_map = driver.needs_truth, driver.needs_full_map
         self.training_seed = getattr(driver, "training_seed", None)
 
@@ -107,7 +107,7 @@ def perturbed_front(options: Options) -> pd.DataFrame:
     Rows of the methods `none` (the policy as it is), `evolution` and `random`. `pareto_optimal` is among the points of
     a method on the search's seeds; `fresh_hypervolume` is of all those points together, on fresh ones.
     """
-    arm, budget = options.arms[0] if options.arms else "ppo", options.episodes or BUDGET
+    arm, budget = options.arm, options.episodes or BUDGET
     table = []
     for name in options.scenarios or ("crowd_crossing", "pop_up"):
         scenario = load_scenario(name)
@@ -156,7 +156,7 @@ def failure_search(options: Options) -> pd.DataFrame:
 
     The settings with the most failures are run again on fresh seeds, and so is the scenario as it is.
     """
-    arm, budget = options.arms[0] if options.arms else "ppo", options.episodes or BUDGET
+    arm, budget = options.arm, options.episodes or BUDGET
     table = []
     for name in options.scenarios or SETTINGS:
         fresh = min(200, budget)

@@ -63,8 +63,7 @@ def whole_runs(arm: str, scenario: str, seeds, charge: float) -> pd.DataFrame:
 
 def intervention(options: Options) -> pd.DataFrame:
     """`intervention.csv`: value at 15 %, at 100 %, and their difference on the same states or seeds with 95 %."""
-    arm = options.arms[0] if options.arms else "ppo"
-    seeds = range(options.seed_base, options.seed_base + (options.episodes or EPISODES))
+    arm, seeds = options.arm, options.seeds(EPISODES)
     table = []
     for scenario in options.scenarios or DEFAULT_SCENARIOS:
         states = frozen_states(arm, scenario, seeds)

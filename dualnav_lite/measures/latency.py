@@ -109,9 +109,8 @@ def first_answer(arm: str, seed: int) -> list[float]:
 
 def response_ticks(options: Options) -> pd.DataFrame:
     """`response_ticks.csv`: an episode of `pop_up` a row; empty `ticks` where the box was seen and never answered."""
-    arm = options.arms[0] if options.arms else "ppo"
-    seeds = range(options.seed_base, options.seed_base + (options.episodes or EPISODES))
-    table = pd.DataFrame([first_answer(arm, seed) for seed in seeds], columns=TICK_COLUMNS)
+    answers = [first_answer(options.arm, seed) for seed in options.seeds(EPISODES)]
+    table = pd.DataFrame(answers, columns=TICK_COLUMNS)
     return table[table.seen_s.notna()].reset_index(drop=True)
 
 
@@ -120,11 +119,10 @@ def latency_table(options: Options, ticks: pd.DataFrame) -> pd.DataFrame:
 
     An episode without an answer counts as one that took forever, so a quantile can be infinite.
     """
-    arm = options.arms[0] if options.arms else "ppo"
     steps = STEPS if not options.episodes else min(STEPS, 25 * options.episodes)
     table = [
         [stage, *np.percentile(values, [50, 95, 99]), len(values)]
-        for stage, values in time_stages(arm, options.seed_base, steps).items()
+        for stage, values in time_stages(options.arm, options.seed_base, steps).items()
     ]
     waits = np.sort(ticks.ticks.fillna(np.inf).to_numpy())
     ranks = [min(int(np.ceil(share * len(waits))), len(waits)) - 1 for share in (0.5, 0.95, 0.99)]

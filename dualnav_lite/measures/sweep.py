@@ -30,7 +30,7 @@ def sweep(options: Options) -> pd.DataFrame:
     Finished chunks in `options.out` are not run again.
     """
     scenarios = list(options.scenarios or DEFAULT_SCENARIOS)
-    seeds = range(options.seed_base, options.seed_base + (options.episodes or EPISODES))
+    seeds = options.seeds(EPISODES)
     preferences = np.linspace(0.0, 1.0, VALUES).round(6).tolist()
     parts = []
     for arm in options.arms or DEFAULT_ARMS:

@@ -30,6 +30,15 @@ class Options:
     seed_base: int = SEEDS["test"].start
     jobs: int = 1
 
+    @property
+    def arm(self) -> str:
+        """The one that measurements of a single arm look at."""
+        return self.arms[0] if self.arms else "ppo"
+
+    def seeds(self, count: int) -> range:
+        """As many as were asked for, else `count`."""
+        return range(self.seed_base, self.seed_base + (self.episodes or count))
+
 
 def front(options: Options) -> dict[str, pd.DataFrame]:
     """Preferences of the policy and the top speed of four planners: `pareto.csv` and `front.csv`."""
@@ -57,7 +66,7 @@ def latency(options: Options) -> dict[str, pd.DataFrame]:
 
 def battery_trace(options: Options) -> dict[str, pd.DataFrame]:
     """Charge, goals and contacts over three hours, once a simulated minute: `battery_trace.csv`."""
-    from dualnav_lite.traces import battery_trace
+    from dualnav_lite.measures.battery_hours import battery_trace
 
     return {"battery_trace": battery_trace(options)}
 
@@ -87,8 +96,7 @@ def ablations(options: Options) -> dict[str, pd.DataFrame]:
     if ABLATION_DEFAULT not in arms:
         raise UnusableInput(f"ablations are held against {ABLATION_DEFAULT}, which is not in models/ablations yet")
     scenarios = options.scenarios or ("navigation", "pop_up", "crowd_crossing", "low_light_phantoms", "comms_dropout")
-    seeds = range(options.seed_base, options.seed_base + (options.episodes or 200))
-    rows = evaluate(arms, scenarios, seeds, options.out / "ablations", jobs=options.jobs)
+    rows = evaluate(arms, scenarios, options.seeds(200), options.out / "ablations", jobs=options.jobs)
     pairs = [paired(rows, ABLATION_DEFAULT, arm) for arm in arms if arm != ABLATION_DEFAULT]
     tables = {"ablations": survival(rows)}
     return tables | ({"ablations_paired": pd.concat(pairs, ignore_index=True)} if pairs else {})

@@ -18,7 +18,7 @@ _MAX_POINTS = 512
 
 
 class RrtStar(Pursuit):
-    """Sees the received map, its odometry, and the scan: for its map and to stop.
+    """Sees the received map, its believed pose, and the scan: for its map and to stop.
 
     Twice a second it grows a new tree from a named random stream; if none finds a way the old path stays, and where
     there never was one it heads straight for the goal.
@@ -29,7 +29,7 @@ class RrtStar(Pursuit):
     def __init__(self, settings: Config, max_speed: float | None = None):
         super().__init__(settings, max_speed)
         self._key = streams.stream_key(0, "rrtstar")
-        self._paths: dict[int, np.ndarray] = {}  # (p, 2) odometry frame
+        self._paths: dict[int, np.ndarray] = {}  # (p, 2) map frame
         self._steps: dict[int, int] = {}
 
     def reset(self, indices):
