@@ -7,7 +7,18 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from dualnav_lite.config import Config, Frozen, NonNegative, Share, read_yaml, validated, with_overrides
+from dualnav_lite.config import (
+    Config,
+    Frozen,
+    NonNegative,
+    Share,
+    UnusableInput,
+    dump_config,
+    read_yaml,
+    validated,
+    with_overrides,
+    write_atomic,
+)
 from dualnav_lite.imitation import Imitation
 from dualnav_lite.ppo import PPO
 from dualnav_lite.scenario import Scenario, load_scenario
@@ -76,6 +87,15 @@ def scenarios_of(stage: Stage, home: Path) -> list[Scenario]:
 def resolved_config(training: Training) -> Config:
     """The environment's configuration of a training; preferences are drawn, so that one policy covers the front."""
     return with_overrides(Config(), {"preference": "drawn"} | training.config)
+
+
+def claim_folder(folder: Path, settings: Frozen) -> None:
+    """Keep a run's settings in its folder; `UnusableInput` where those of another run lie there."""
+    kept, text = folder / "training.yaml", dump_config(settings)
+    if not kept.exists():
+        write_atomic(kept, text)
+    elif kept.read_text(encoding="utf-8") != text:
+        raise UnusableInput(f"{folder}: holds a run with other settings; name another run or remove it")
 
 
 def runs_folder() -> Path:

@@ -221,6 +221,11 @@ def _flat(block: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return found
 
 
+def trained_ablations() -> list[str]:
+    """Arm ids of the ablations that are in `models/ablations`."""
+    return sorted(path.stem for path in (MODEL_FOLDER / "ablations").glob("ablation_*.onnx"))
+
+
 def make_driver(arm_id: str, config: Config | None = None):
     """A trained policy or a planner by its arm id: what `evaluate` is given to make its arms.
 

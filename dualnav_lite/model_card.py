@@ -1,13 +1,13 @@
 """The card of the shipped policy, `models/README.md`, and its table in the two READMEs: from files, log and rows."""
 
 import csv
-import hashlib
 from pathlib import Path
 
 import pandas as pd
 import yaml
 
 from dualnav_lite.cases import all_cases
+from dualnav_lite.chunks import sha256
 from dualnav_lite.config import UnusableInput, write_atomic
 from dualnav_lite.deploy import MODEL_FOLDER, EmbeddedPolicy
 from dualnav_lite.notebooks import ROOT
@@ -46,7 +46,7 @@ def files_table(folder: Path) -> list[str]:
         path = folder / name
         if path.exists():
             content = path.read_bytes()
-            digest = hashlib.sha256(content).hexdigest()[:12]
+            digest = sha256(content)[:12]
             lines.append(f"| `{name}` | {what} | {len(content) / 1e6:.2f} | {digest} |")
     return lines
 

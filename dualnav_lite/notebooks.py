@@ -138,7 +138,7 @@ def rebuild(root: Path = ROOT, check: bool = False) -> list[Path]:
         if not notebook.exists() or notebook.read_bytes() != text.encode("utf-8"):
             changed.append(notebook)
             if not check:
-                if notebook.exists() and _is_edited(opened := _opened(notebook), opened.cells):
+                if notebook.exists() and _is_edited(found := opened(notebook), found.cells):
                     name = notebook.stem
                     raise UnusableInput(
                         f"{name}.ipynb was edited: take it back (--take-back {name}) or delete it first"
@@ -147,7 +147,7 @@ def rebuild(root: Path = ROOT, check: bool = False) -> list[Path]:
     return changed
 
 
-def _opened(path: Path):
+def opened(path: Path):
     """The notebook in a file; `UnusableInput` where there is none."""
     try:
         return nbformat.reads(path.read_text(encoding="utf-8"), as_version=4)
@@ -176,7 +176,7 @@ def take_back(name: str, root: Path = ROOT) -> Path:
         known = ", ".join(pair[1].stem for pair in matches or pairs(root))
         raise UnusableInput(f"'{name}' names {'several notebooks' if matches else 'no notebook'}: {known}")
     source, path = (exact or matches)[0]
-    notebook = _opened(path)
+    notebook = opened(path)
     if source.exists():
         cells = jupytext.reads(source.read_text(encoding="utf-8"), fmt="py:percent").cells
         if _is_edited(notebook, cells):

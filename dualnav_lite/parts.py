@@ -1,7 +1,6 @@
 """A student's parts: taken from the solution cells of the notebooks, used where they pass, the library's elsewhere."""
 
 import contextlib
-import hashlib
 import io
 import json
 import sys
@@ -11,12 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cloudpickle
-import nbformat
 
 from dualnav_lite.check import LESSONS, judge, lesson_of, reference
 from dualnav_lite.check.verdict import NotDone, Text, language_of
-from dualnav_lite.chunks import PARTS_MARK
+from dualnav_lite.chunks import PARTS_MARK, sha256
 from dualnav_lite.config import UnusableInput, write_atomic
+from dualnav_lite.notebooks import opened
 
 SUMMARY = "parts.json"
 POLICY = "ppo_actor.onnx"  # what lesson 11 exports into `weights/`
@@ -60,15 +59,11 @@ def cells_of(path: Path) -> list[tuple[str, str]]:
     Raises:
         UnusableInput: no notebook can be read from the file.
     """
-    try:
-        notebook = nbformat.reads(path.read_text(encoding="utf-8"), as_version=4)
-        kept = []
-        for cell in notebook.cells:
-            tags = cell.metadata.get("tags", [])
-            if cell.cell_type == "code" and ("given" in tags or "solution" in tags):
-                kept.append((cell.get("id", "") if "solution" in tags else "", cell.source))
-    except (OSError, ValueError, AttributeError, nbformat.ValidationError) as error:
-        raise UnusableInput(f"{path.name}: not a notebook that can be read: {error}") from None
+    kept = []
+    for cell in opened(path).cells:
+        tags = cell.metadata.get("tags", [])
+        if cell.cell_type == "code" and ("given" in tags or "solution" in tags):
+            kept.append((cell.get("id", "") if "solution" in tags else "", cell.source))
     return kept
 
 
@@ -218,7 +213,7 @@ def _read_summary(path: Path) -> set[str]:
 def fingerprint_of(folder: str | Path) -> str:
     """One hash of the functions in an export, so that rows of other parts are never taken for these."""
     content = [path.read_text(encoding="utf-8") for path in sorted(Path(folder).glob("*.py"))]
-    return hashlib.sha256("\n".join(content).encode("utf-8")).hexdigest()
+    return sha256("\n".join(content))
 
 
 def arms_with_parts(folder: str | Path, arms: Sequence[str] = ()) -> list[str]:

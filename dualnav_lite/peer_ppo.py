@@ -5,7 +5,6 @@ grid of commands), its own value head on shared or separate features, and its ow
 running deviation of the return (`VecNormalize`), as ours are.
 """
 
-import hashlib
 import time
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from dualnav_lite.chunks import sha256
 from dualnav_lite.config import Config, UnusableInput, with_overrides
 from dualnav_lite.curriculum import Training, resolved_config, scenarios_of
 from dualnav_lite.parallel_env import ParallelVectorEnv
@@ -147,7 +147,7 @@ class StableDriver:
     def __init__(self, path: str, overrides: dict[str, Any], training_seed: int | None = None):
         self._model = StablePPO.load(path, device="cpu")
         self._overrides, self.training_seed = overrides, training_seed
-        self.fingerprint = hashlib.sha256(Path(path).read_bytes()).hexdigest()
+        self.fingerprint = sha256(Path(path).read_bytes())
         self._limits = Config().hardware.limits
 
     def reset(self, indices) -> None:

@@ -224,6 +224,13 @@ def make_optimizers(actor: Actor, critic: Critic, settings: PPO):
     )
 
 
+def set_rates(optimizers, settings: PPO, share: float) -> None:
+    """Give both optimisers this share of their learning rates (detail 3)."""
+    for optimizer, rate in zip(optimizers, (settings.learning_rate_actor, settings.learning_rate_critic), strict=True):
+        for group in optimizer.param_groups:
+            group["lr"] = rate * share
+
+
 def _minibatches(samples: int, size: int, rng) -> list[torch.Tensor]:
     """Rows of each minibatch, all samples once, in a new order."""
     order = torch.from_numpy(rng.permutation(samples))

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from dualnav_lite.policy import Actor, Critic, make_actor, trunk_for
-from dualnav_lite.ppo import PPO, Batch, collect, make_optimizers, update
+from dualnav_lite.ppo import PPO, Batch, collect, make_optimizers, set_rates, update
 from dualnav_lite.rewards import TERMS
 from dualnav_lite.rollout import RunningDeviation
 
@@ -43,7 +43,6 @@ def learn_ppo(
         RunningDeviation(env.num_envs, len(TERMS), settings.gamma),
     )
     observations, _ = env.reset(seed=rng.integers(1_000_000, size=env.num_envs).tolist())
-    rates = (settings.learning_rate_actor, settings.learning_rate_critic)
     for number in range(updates):
         share = number / updates
 
@@ -51,8 +50,6 @@ def learn_ppo(
             on_step(infos, share)
 
         rollout, observations = collect(env, actor, critic, observations, length, generator, deviation, note)
-        for optimizer, rate in zip(optimizers, rates, strict=True):
-            for group in optimizer.param_groups:
-                group["lr"] = rate * (1.0 - share)
+        set_rates(optimizers, settings, 1.0 - share)
         update(actor, critic, optimizers, Batch.of(rollout, settings, deviation.deviations), settings, rng)
     return actor

@@ -83,11 +83,10 @@ def shard_of(text: str) -> tuple[int, int]:
 
 def all_arms() -> list[str]:
     """Every arm that can drive here: the policy, its filtered twin, the planners, the ablations that were trained."""
-    from dualnav_lite.deploy import MODEL_FOLDER
+    from dualnav_lite.deploy import trained_ablations
 
-    ablations = sorted(path.stem for path in (MODEL_FOLDER / "ablations").glob("ablation_*.onnx"))
     found = []
-    for arm in (*POLICY_ARMS, *ARMS, *ablations):
+    for arm in (*POLICY_ARMS, *ARMS, *trained_ablations()):
         try:
             library_arm(arm, Config())
         except UnusableInput as error:

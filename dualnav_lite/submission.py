@@ -1,6 +1,5 @@
 """A student's own check and pack: public checks, a short run of the scenarios, the folder that `grade` takes."""
 
-import hashlib
 import json
 import re
 from collections.abc import Callable
@@ -8,6 +7,7 @@ from pathlib import Path
 
 from dualnav_lite import __version__
 from dualnav_lite.check import LESSONS
+from dualnav_lite.chunks import sha256
 from dualnav_lite.config import UnusableInput, write_atomic
 from dualnav_lite.evaluate import evaluate
 from dualnav_lite.parts import POLICY, arms_with_parts, export_parts
@@ -56,7 +56,7 @@ def pack(notebooks: str | Path, student: str, out: str | Path, say: Callable[[st
     for name, path in files.items():
         content = path.read_bytes()
         write_atomic(out / name, content)
-        digests[name] = hashlib.sha256(content).hexdigest()
+        digests[name] = sha256(content)
     checks = {name: one.state for name, one in parts.items()}
     manifest = {"schema": SCHEMA, "student_id": student, "kit_version": __version__, "files": digests, "checks": checks}
     write_atomic(out / "manifest.json", json.dumps(manifest, indent=1) + "\n")

@@ -9,14 +9,22 @@ import numpy as np
 import torch
 
 from dualnav_lite import deploy, streams
-from dualnav_lite.config import UnusableInput, dump_config, write_atomic
-from dualnav_lite.curriculum import Stage, Training, load_training, resolved_config, runs_folder, scenarios_of
+from dualnav_lite.config import UnusableInput
+from dualnav_lite.curriculum import (
+    Stage,
+    Training,
+    claim_folder,
+    load_training,
+    resolved_config,
+    runs_folder,
+    scenarios_of,
+)
 from dualnav_lite.encoder import num_channels
 from dualnav_lite.env import DynamicNavVectorEnv
 from dualnav_lite.imitation import imitate
 from dualnav_lite.parallel_env import ParallelVectorEnv
 from dualnav_lite.policy import Actor, Critic, make_actor, trunk_for
-from dualnav_lite.ppo import Batch, collect, make_optimizers, update
+from dualnav_lite.ppo import Batch, collect, make_optimizers, set_rates, update
 from dualnav_lite.progress import Log, Reporter
 from dualnav_lite.rewards import TERMS
 from dualnav_lite.rollout import RunningDeviation
@@ -55,7 +63,7 @@ class Trainer:
         torch.set_num_threads(1)  # minibatches are small; the second core has work of its own
         self.training, self.folder, self.home, self.workers = training, Path(folder), Path(home), workers
         self.config = resolved_config(training)
-        self._claim_folder()
+        claim_folder(self.folder, training)
         self.log = Log(self.folder / "log.csv", say)
         shape = (num_channels(self.config.observation), 64, 64)
         with torch.random.fork_rng():
@@ -71,15 +79,6 @@ class Trainer:
         """An untrained policy of this training's shape."""
         shape = (num_channels(self.config.observation), 64, 64)
         return make_actor(shape, self.training.head, self.config.hardware.limits.tolist(), self.training.grain)
-
-    def _claim_folder(self) -> None:
-        """Keep the resolved settings in the folder; refuse one that belongs to another training."""
-        text = dump_config(self.training)
-        kept = self.folder / "training.yaml"
-        if kept.exists() and kept.read_text(encoding="utf-8") != text:
-            raise UnusableInput(f"{self.folder}: holds a run with other settings; name another run or remove it")
-        if not kept.exists():
-            write_atomic(kept, text)
 
     def run(self) -> Actor:
         """All stages; the trained policy, also in `actor.pth` of the folder.
@@ -175,12 +174,7 @@ class Trainer:
             )
             collected = time.perf_counter()
             batch = Batch.of(rollout, settings, deviation.deviations, reference, self.device)
-            share_left = 1.0 - number / updates
-            for optimizer, rate in zip(
-                optimizers, (settings.learning_rate_actor, settings.learning_rate_critic), strict=True
-            ):
-                for group in optimizer.param_groups:
-                    group["lr"] = rate * share_left
+            set_rates(optimizers, settings, 1.0 - number / updates)
             try:
                 only_values = number < stage.warm_up_updates
                 numbers = update(self.actor, self.critic, optimizers, batch, settings, rng, only_values)

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from dualnav_lite import __version__, streams
 from dualnav_lite.config import Frozen, UnusableInput, dump_config, read_yaml, validated, write_atomic
-from dualnav_lite.curriculum import runs_folder
+from dualnav_lite.curriculum import claim_folder, runs_folder
 from dualnav_lite.episodes import SEEDS
 from dualnav_lite.forecast import LstmPredictor
 from dualnav_lite.forecast_errors import errors_of, table_of
@@ -117,10 +117,7 @@ def train_predictor(
     """
     training = load_predictor_training(config, seed)
     folder = runs_folder() / (run or f"{Path(config).stem}-seed{training.seed}")
-    kept, text = folder / "training.yaml", dump_config(training)
-    if kept.exists() and kept.read_text(encoding="utf-8") != text:
-        raise UnusableInput(f"{folder}: holds a run with other settings; name another run or remove it")
-    write_atomic(kept, text)
+    claim_folder(folder, training)
     say(f"{training.title}; run folder {folder}")
     begin = time.monotonic()
     samples = Samples.join(map(_load_shard, collect(training, config, folder, jobs, say)))
@@ -137,7 +134,7 @@ def train_predictor(
         write_atomic(folder / "log.csv", "\n".join(lines) + "\n")
 
     network = fit(samples, training.fit, training.seed, log)
-    card: dict[str, Any] = {"kit_version": __version__, "samples": len(samples), "training": text}
+    card: dict[str, Any] = {"kit_version": __version__, "samples": len(samples), "training": dump_config(training)}
     paths = save(network, card, out or folder)
     say(f"predictor: {paths['pth']}, {paths['npz']}; fit in {(time.monotonic() - driven) / 60:.1f} min")
     return folder

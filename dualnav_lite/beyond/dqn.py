@@ -27,7 +27,6 @@ from pydantic import Field
 from torch import nn
 
 from dualnav_lite.config import Frozen, Positive, Share
-from dualnav_lite.policy import trunk_for
 
 Count = Annotated[int, Field(ge=1)]
 
@@ -51,21 +50,17 @@ class QNetwork(nn.Module):
     """Values of all actions.
 
     Args:
-        observation_shape: (size,) or (C, 64, 64), as in `policy.trunk_for`.
+        observation_shape: (size,).
         actions: how many there are.
         mask: maps (n, ...) observations to (n, actions) bool, which of them exist; None: all.
-        hidden: width of two hidden layers for plain vectors; None takes the policy's trunk.
+        hidden: width of the two hidden layers.
     """
 
-    def __init__(self, observation_shape, actions: int, mask: Callable | None = None, hidden: int | None = None):
+    def __init__(self, observation_shape, actions: int, mask: Callable | None = None, hidden: int = 128):
         super().__init__()
         self.actions, self._mask = actions, mask
-        if hidden is None:
-            trunk = trunk_for(observation_shape)
-            self.layers = nn.Sequential(trunk, nn.Linear(trunk.features, actions))
-        else:
-            first, second = nn.Linear(observation_shape[0], hidden), nn.Linear(hidden, hidden)
-            self.layers = nn.Sequential(first, nn.ReLU(), second, nn.ReLU(), nn.Linear(hidden, actions))
+        first, second = nn.Linear(observation_shape[0], hidden), nn.Linear(hidden, hidden)
+        self.layers = nn.Sequential(first, nn.ReLU(), second, nn.ReLU(), nn.Linear(hidden, actions))
 
     def forward(self, observations):
         """(n, actions) values; -inf for those that do not exist."""
@@ -155,7 +150,7 @@ def train_dqn(
     steps: int,
     seed: int = 0,
     mask=None,
-    hidden: int | None = None,
+    hidden: int = 128,
     on_step=lambda infos, share: None,
 ) -> QNetwork:
     """Learn in a vector environment with same-step autoreset and discrete actions.

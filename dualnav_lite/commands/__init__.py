@@ -1,11 +1,12 @@
 """The command line: one app, what its commands share, and a file for each group of commands."""
 
 import os
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from dualnav_lite.config import UnusableInput
+from dualnav_lite.config import Config, UnusableInput, load_config
 from dualnav_lite.episodes import SEEDS
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
@@ -17,6 +18,13 @@ Episodes = Annotated[int, typer.Option(min=1, help="Seeds of each scenario.")]
 Jobs = Annotated[int, typer.Option(min=1, help="Worker processes.")]
 Shard = Annotated[str, typer.Option(help="k/n: run every n-th chunk from the k-th.")]
 Cluster = Annotated[str, typer.Option(help="tcp://host:port of a Dask scheduler in place of --jobs.")]
+
+
+def config_of(path: Path | None) -> Config:
+    """The settings in a file that is there; the defaults without one."""
+    if path and not path.exists():
+        raise UnusableInput(f"{path}: no such file")
+    return load_config(path)
 
 
 def words(text: str) -> list[str]:

@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from dualnav_lite.commands import CORES, TEST_SEED, Episodes, Jobs, Seeds, app, words
-from dualnav_lite.config import UnusableInput
+from dualnav_lite.commands import CORES, TEST_SEED, Episodes, Jobs, Seeds, app, config_of, words
 
 
 @app.command()
@@ -61,13 +60,10 @@ def record(
     out: Annotated[Path, typer.Option(help="Folder of scans/, maps/, movers/ and logs/.")] = Path("data"),
 ) -> int:
     """Drives kept whole: scans, maps, where everything really was, and a log of both objectives."""
-    from dualnav_lite.config import load_config
     from dualnav_lite.recording import record as run
 
-    if config and not config.exists():
-        raise UnusableInput(f"{config}: no such file")
     seeds = range(seed_base, seed_base + episodes)
-    print(run(words(scenarios), words(arms), seeds, out, load_config(config)).to_string(index=False))
+    print(run(words(scenarios), words(arms), seeds, out, config_of(config)).to_string(index=False))
     return 0
 
 

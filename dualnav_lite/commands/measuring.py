@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from dualnav_lite.commands import CORES, TEST_SEED, Cluster, Episodes, Jobs, Seeds, Shard, app, words
-from dualnav_lite.config import UnusableInput
+from dualnav_lite.commands import CORES, TEST_SEED, Cluster, Episodes, Jobs, Seeds, Shard, app, config_of, words
 
 
 @app.command()
@@ -24,20 +23,18 @@ def evaluate(
     out: Annotated[Path, typer.Option(help="Results folder.")] = Path("results"),
 ) -> int:
     """Policies and planners over scenarios and seeds, to episodes.csv and survival.csv; stopped, it goes on."""
-    from dualnav_lite.config import load_config, write_atomic
+    from dualnav_lite.config import write_atomic
     from dualnav_lite.evaluate import evaluate as run
     from dualnav_lite.report import survival_lines
     from dualnav_lite.stress import shard_of
     from dualnav_lite.survival import survival
 
-    if config and not config.exists():
-        raise UnusableInput(f"{config}: no such file")
     rows = run(
         words(arms),
         words(scenarios),
         range(seed_base, seed_base + episodes),
         out,
-        config=load_config(config),
+        config=config_of(config),
         preference=preference,
         jobs=jobs,
         shard=shard_of(shard),

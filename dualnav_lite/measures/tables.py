@@ -87,12 +87,11 @@ def find_failures(options: Options) -> dict[str, pd.DataFrame]:
 
 def ablations(options: Options) -> dict[str, pd.DataFrame]:
     """Every ablation that was trained, beside the default trained alike: `ablations.csv`, `ablations_paired.csv`."""
-    from dualnav_lite.deploy import MODEL_FOLDER
+    from dualnav_lite.deploy import trained_ablations
     from dualnav_lite.evaluate import evaluate
     from dualnav_lite.survival import paired, survival
 
-    found = sorted(path.stem for path in (MODEL_FOLDER / "ablations").glob("ablation_*.onnx"))
-    arms = list(options.arms or found)
+    arms = list(options.arms or trained_ablations())
     if ABLATION_DEFAULT not in arms:
         raise UnusableInput(f"ablations are held against {ABLATION_DEFAULT}, which is not in models/ablations yet")
     scenarios = options.scenarios or ("navigation", "pop_up", "crowd_crossing", "low_light_phantoms", "comms_dropout")
