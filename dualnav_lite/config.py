@@ -16,6 +16,10 @@ class UnusableInput(ValueError):
     """A config, scenario, file or folder that cannot be used; its text is one line a person can act on."""
 
 
+class UnknownName(UnusableInput):
+    """A name that stands for nothing here: no such arm, no such model."""
+
+
 class Frozen(BaseModel):
     """A block of settings that refuses unknown keys and cannot change after it was read."""
 

@@ -15,7 +15,7 @@ import torch
 from torch import nn
 
 from dualnav_lite import __version__, embedded
-from dualnav_lite.config import Config, UnusableInput, with_overrides, write_atomic
+from dualnav_lite.config import Config, UnknownName, UnusableInput, with_overrides, write_atomic
 from dualnav_lite.encoder import num_channels
 from dualnav_lite.planners import make_planner
 from dualnav_lite.policy import Actor, CommandGridHead
@@ -240,11 +240,15 @@ def make_driver(arm_id: str, config: Config | None = None):
     if arm_id.endswith("_filter"):
         return FilteredDriver(make_driver(arm_id.removesuffix("_filter"), config), config or Config())
     if arm_id.endswith((".onnx", ".pt")):
-        return EmbeddedPolicy(arm_id, config)
+        return EmbeddedPolicy(_existing(arm_id), config)
     if arm_id != "ppo" and not arm_id.startswith("ablation_"):
         return make_planner(arm_id, config)
     is_ablation = arm_id != "ppo"
     path = MODEL_FOLDER / "ablations" / f"{arm_id}.onnx" if is_ablation else MODEL_FOLDER / "ppo_actor.onnx"
-    if not path.exists():
-        raise UnusableInput(f"{path}: no such model; train one, or name another file (.onnx or .pt)")
-    return EmbeddedPolicy(path, None if is_ablation else config)
+    return EmbeddedPolicy(_existing(path), None if is_ablation else config)
+
+
+def _existing(path: str | Path) -> Path:
+    if not Path(path).exists():
+        raise UnknownName(f"{path}: no such model; train one, or name another file (.onnx or .pt)")
+    return Path(path)

@@ -81,11 +81,11 @@ class Perception:
         n, beams = num_envs, config.lidar.beams
         self.config, self._encoder, self._predictor = config, encoder, predictor
         self._lstm = shipped() if predictor is None and config.predictor == "lstm" else None
-        self._lidar = Lidar(config.lidar, n)
+        self.lidar = Lidar(config.lidar, n)
         self.mapper = Mapper(config.map, config.lidar, n, config.control_dt_s)
         self.localiser = Localiser(config.map, beams, config.lidar.range_max_m, n)
         self._tracker = Tracker(n, config.control_dt_s, PREDICTOR_SCANS if self._lstm else 0)
-        self._guide = Guide(config.guide, config.map, n)
+        self.guide = Guide(config.guide, config.map, n)
         depth = PREDICTOR_SCANS if predictor or self._lstm else FLOW_SCANS
         self._scans = np.zeros((n, depth, beams, 2), np.float32)
         self._poses = np.zeros((n, depth, 3))
@@ -103,7 +103,7 @@ class Perception:
         key = streams.stream_key(seed, "link")
         self.mapper.reset(worlds, pose, [link.delay_s], [link.loss], [link.burst_mean_s], np.array([key], np.uint64))
         self._tracker.reset(worlds)
-        self._guide.reset(worlds)
+        self.guide.reset(worlds)
         self._is_first[world] = True
         self._keys[world] = streams.stream_key(seed, "lidar")
         self._lux[world] = scenario.sensing.ambient_lux
@@ -123,7 +123,7 @@ class Perception:
             idle: (n,) worlds without an open goal, whose goal and guide read 0.
         """
         steps = sim.steps
-        scans, labels = self._lidar.scan(sim.poses, sim.scene, self._lux, self._keys, steps)
+        scans, labels = self.lidar.scan(sim.poses, sim.scene, self._lux, self._keys, steps)
         self.localiser.follow(sim.robots.pose_odom)
         self.localiser.match(self.mapper.received, self.mapper.received_corners, scans, steps, active)
         pose = self.localiser.poses.copy()
@@ -131,9 +131,9 @@ class Perception:
         self.mapper.update(pose, scans, labels, steps, active)
         crops = self.mapper.crops(pose, scans, labels)
         tracks = self._tracker.update(pose, scans, active)
-        due = active & self._guide.is_due(self._goals, steps)
+        due = active & self.guide.is_due(self._goals, steps)
         grids = self.mapper.plan_grids(pose, scans, labels, due)
-        guide_robot, path_robot, _ = self._guide.update(grids, pose, self._goals, steps, due)
+        guide_robot, path_robot, _ = self.guide.update(grids, pose, self._goals, steps, due)
         goal_robot = to_robot(self._goals, pose)
         if idle.any():
             goal_robot[idle] = guide_robot[idle] = path_robot[idle] = 0.0

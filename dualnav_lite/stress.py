@@ -11,7 +11,7 @@ import pandas as pd
 
 from dualnav_lite.cases import all_cases, load_case
 from dualnav_lite.chunks import arm_name, plan_chunks
-from dualnav_lite.config import Config, UnusableInput, with_overrides, write_atomic
+from dualnav_lite.config import Config, UnknownName, UnusableInput, with_overrides, write_atomic
 from dualnav_lite.evaluate import evaluate, library_arm
 from dualnav_lite.judge import judge_folder
 from dualnav_lite.notebooks import ROOT, run_notebook
@@ -118,9 +118,9 @@ def broken_arms(arms: Sequence[str]) -> dict[str, str]:
             own = driver.own_config(config)
             if own.observation.intensity == config.observation.intensity and hasattr(driver, "output"):
                 driver.output(observations)
+        except UnknownName:
+            raise
         except UnusableInput as error:
-            if "no such model" in str(error) or "unknown arm" in str(error) or "No such file" in str(error):
-                raise
             broken[arm] = str(error)
         except Exception as error:  # whatever a foreign network raises is what is wrong with it
             broken[arm] = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"

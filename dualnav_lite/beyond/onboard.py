@@ -24,9 +24,8 @@ from dualnav_lite.deploy import MODEL_FOLDER, EmbeddedPolicy
 from dualnav_lite.env import DynamicNavVectorEnv
 
 PACKAGE = Path(__file__).resolve().parent.parent
-ROOTS = ("encoder", "tracking", "embedded")  # what `replay.py` imports
+ROOTS = ("encoder", "tracking", "embedded")  # what `replay` imports
 LOGGED = ("scan", "pose", "map", "twist", "battery", "goal_robot", "guide_robot", "map_age_s", "preference")
-MOST_MB = 10.0
 COLUMNS = [
     "scenario", "seed", "frames", "frames_per_s", "p50_ms", "p99_ms", "most_different", "folder_mb", "foreign_modules",
 ]  # fmt: skip
@@ -55,50 +54,6 @@ class Observation:
     layout: str = {layout!r}
     intensity: bool = {intensity!r}
     motion: Motion = field(default_factory=Motion)
-'''
-REPLAY = '''"""Drives on the recorded log: frames a second on one thread, and how far from the recorded commands."""
-
-import json
-import sys
-import time
-from pathlib import Path
-
-import cv2
-import numpy as np
-
-from dualnav_lite.embedded import EmbeddedPolicy
-from dualnav_lite.encoder import Ego, encode_state
-from dualnav_lite.tracking import Tracker, constant_velocity
-
-WARM_UP = 5  # frames in which the kernels are compiled
-
-here = Path(__file__).resolve().parent
-cv2.setNumThreads(1)
-log = np.load(here / "scans.npz")
-policy, tracker = EmbeddedPolicy(here / "ppo_actor.onnx"), Tracker(1)
-policy.reset([0])
-times, worst = [], 0.0
-scans, poses = [log["scan"][0]] * 3, [log["pose"][0]] * 3
-for k in range(len(log["scan"])):
-    begin = time.process_time()
-    scans, poses = [*scans[1:], log["scan"][k]], [*poses[1:], log["pose"][k]]
-    forecast = constant_velocity(tracker.update(poses[-1][None], scans[-1][None])).rows(0)
-    own = {name: log[name][k] for name in ("twist", "battery", "goal_robot", "guide_robot", "map_age_s", "preference")}
-    state = encode_state(np.stack(scans), np.stack(poses), log["map"][k], Ego(**own, forecast=forecast))
-    v, omega = policy.get_action(state[None])
-    times.append(time.process_time() - begin)
-    worst = max(worst, float(np.abs([v, omega] - log["action"][k]).max()))
-times = np.array(times[WARM_UP:])
-foreign = sorted({"torch", "pymunk", "gymnasium", "pydantic", "pandas"} & set(sys.modules))
-numbers = {
-    "frames": len(times),
-    "frames_per_s": 1.0 / times.mean(),
-    "p50_ms": 1e3 * float(np.percentile(times, 50)),
-    "p99_ms": 1e3 * float(np.percentile(times, 99)),
-    "most_different": worst,
-    "foreign_modules": len(foreign),
-}
-print(json.dumps(numbers))
 '''
 
 
@@ -159,7 +114,7 @@ def build(folder: str | Path, scenario: str = "crowd_crossing", seed: int = 2_00
     log = record(policy, scenario, seed, frames)
     write_atomic(folder / "scans.npz", lambda file: np.savez_compressed(file, **log))
     write_atomic(folder / "ppo_actor.onnx", model.read_bytes())
-    write_atomic(folder / "replay.py", REPLAY)
+    write_atomic(folder / "replay.py", (PACKAGE / "beyond" / "replay.py").read_bytes())
     return sum(path.stat().st_size for path in folder.rglob("*") if path.suffix != ".pyc") / 1e6
 
 
@@ -178,12 +133,12 @@ def replay(folder: str | Path) -> dict[str, float]:
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def onboard_table(frames: int = 300, folder: str | Path | None = None) -> pd.DataFrame:
+def onboard_table(frames: int = 300) -> pd.DataFrame:
     """Frames a second of processor time, size, and the largest difference to the full system's commands."""
     rows = []
     for scenario, seed in (("navigation", 2_000_000), ("crowd_crossing", 2_000_000), ("low_light", 2_000_000)):
-        with tempfile.TemporaryDirectory() as temporary:
-            size = build(folder or temporary, scenario, seed, frames)
-            numbers = replay(folder or temporary)
+        with tempfile.TemporaryDirectory() as folder:
+            size = build(folder, scenario, seed, frames)
+            numbers = replay(folder)
         rows.append({"scenario": scenario, "seed": seed, "folder_mb": size, **numbers})
     return pd.DataFrame(rows, columns=COLUMNS)

@@ -47,10 +47,10 @@ def time_stages(arm: str, seed: int, steps: int) -> dict[str, np.ndarray]:
         setattr(owner, method, call)
 
     perception = env.perception
-    timed(perception._lidar, "scan", "scan")
+    timed(perception.lidar, "scan", "scan")
     for method in ("update", "crops", "plan_grids"):
         timed(perception.mapper, method, "map")
-    timed(perception._guide, "update", "guide")
+    timed(perception.guide, "update", "guide")
     timed(perception, "encode", "encode")
     timed(env.sim.robots, "drive", "PID")
     rows: dict[str, list[float]] = {stage: [] for stage in STAGES}

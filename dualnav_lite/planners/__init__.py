@@ -3,7 +3,7 @@
 import inspect
 from collections.abc import Callable
 
-from dualnav_lite.config import Config, UnusableInput
+from dualnav_lite.config import Config, UnknownName, UnusableInput
 from dualnav_lite.planners.base import Planner
 from dualnav_lite.planners.dwa import DynamicWindow
 from dualnav_lite.planners.orca import Orca
@@ -42,7 +42,7 @@ def make_planner(arm_id: str, config: Config | None = None, **knobs) -> Planner:
     """
     name, _, tail = arm_id.partition("@")
     if name not in ARMS:
-        raise UnusableInput(f"unknown arm '{name}'; known: {', '.join(ARMS)}")
+        raise UnknownName(f"unknown arm '{name}'; known: {', '.join(ARMS)}")
     for knob in tail.split("+") if tail else ():
         key, _, value = knob.partition("=")
         try:
