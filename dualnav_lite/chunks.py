@@ -43,7 +43,7 @@ class Chunk:
 def arm_name(arm: str) -> str:
     """What rows and tables call an arm: its id, but for an arm with a student's parts, whose id holds absolute paths.
 
-    >>> arm_name("/home/me/parts/ppo_actor.onnx::/home/me/parts")
+    >>> arm_name("/course/parts/ppo_actor.onnx::/course/parts")
     'ppo_actor + own parts'
     >>> arm_name("astar@max_speed=0.5")
     'astar@max_speed=0.5'
