@@ -17,7 +17,7 @@ STYLE = (
     "body{font:16px/1.5 system-ui,sans-serif;max-width:52rem;margin:2rem auto;padding:0 1rem;color:#222}"
     "table{border-collapse:collapse;width:100%;margin:1rem 0}"
     "th,td{border-bottom:1px solid #ddd;padding:.45rem .6rem;text-align:left;vertical-align:top}"
-    "th{font-weight:600}td.n,th.n{text-align:right;white-space:nowrap}"
+    "th{font-weight:600}td.n,th.n{text-align:right}td.n,th.n,td span{white-space:nowrap}"
     ".passed{color:#0b6b3a}.partial{color:#8a5a00}.failed,.error,.timeout{color:#a3231d}.not_run,.manual{color:#555}"
     "code{background:#f5f5f5;padding:0 .2em}h3{font-size:1rem;margin-bottom:.3rem}"
     "pre{background:#f5f5f5;padding:.6rem;overflow-x:auto;white-space:pre-wrap}p.small{color:#555;font-size:.9rem}"
@@ -40,7 +40,7 @@ WORDS = {
         "manual": "decided by your teacher",
         "ungraded": "not graded yet",
         "right": "{right} of {asked} questions right",
-        "perhaps": "perhaps for the same reason:",
+        "perhaps": "perhaps for the same reason: ",
         "and": "; ",
         "stopped": "stopped after {asked} questions",
         "reference": "tried with the teacher's {names}, since yours did not pass",
@@ -145,7 +145,7 @@ def _todo(row: dict, outcome: dict, words: dict, language: str) -> str:
     if row["status"] != "manual":
         wrong = [reason_text(code, language) for code in detail.get("wrong", []) if code != row["reason_code"]]
         if wrong:
-            lines.append(f"{words['perhaps']} {words['and'].join(wrong)}")
+            lines.append(words["perhaps"] + words["and"].join(wrong))
     if "right" in detail and "survival" not in detail and row["status"] != "passed":
         stopped = row["status"] in ("error", "timeout")
         lines.append(words["stopped" if stopped else "right"].format(**detail))

@@ -33,13 +33,13 @@ def rubric_of(has_lesson: bool):
 
 
 def class_of_twelve(folder: Path) -> Path:
-    """Three who drive, four whose weights are none, two notebooks, one with a link, two who handed in nothing."""
+    """Two who drive, two whose weights are none, two notebooks, one with a link, and who handed in nothing."""
     for k in range(12):
         (folder / f"s{k:02}" / "weights").mkdir(parents=True)
         weights = folder / f"s{k:02}" / "weights" / "ppo_actor.onnx"
-        if k % 4 == 0:
+        if k in (0, 8):
             weights.write_bytes(constant_policy(0.5, 0.1 * k))
-        elif k % 4 == 1 or k == 11:
+        elif k in (4, 11):
             weights.write_bytes(b"no network" * k)
         elif k in (2, 6):
             (folder / f"s{k:02}" / f"{LESSON}.ipynb").write_bytes((NOTEBOOKS / f"{LESSON}.ipynb").read_bytes())
@@ -137,7 +137,7 @@ def killed_and_completed(tmp_path, moments, has_lesson):
 
 
 def test_a_grader_killed_at_three_moments_loses_nothing(tmp_path):
-    killed_and_completed(tmp_path, [(0, 0.3), (4, 0.0), (8, 0.1)], has_lesson=False)
+    killed_and_completed(tmp_path, [(0, 0.3), (4, 0.1), (8, 0.3)], has_lesson=False)
 
 
 @pytest.mark.slow
