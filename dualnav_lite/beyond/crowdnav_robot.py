@@ -21,7 +21,7 @@ from dualnav_lite.beyond.crowdnav import (
     make_case,
     run_holonomic,
 )
-from dualnav_lite.config import Config, with_overrides
+from dualnav_lite.config import Config
 from dualnav_lite.deploy import make_driver
 from dualnav_lite.interface import split_infos
 from dualnav_lite.metrics import exact_interval, wilson_interval
@@ -164,7 +164,7 @@ def crowdnav_table(
 
     Args:
         people: how many, a block of rows each.
-        arms: of this kit, as in `deploy.make_driver`; a + behind a planner lets it plan with the protocol's hull.
+        arms: of this kit, as in `deploy.make_driver`.
         walled: arms that also run with walls around, to see whether the open plane is what they fail at.
         cases: test cases, from the first.
         config: of the robot; the defaults if None.
@@ -177,15 +177,14 @@ def crowdnav_table(
             results = [run_holonomic(case, choose) for case in drawn]
             rows.append(row_of("protocol", count, name, "true positions and velocities", (RADIUS_M, RADIUS_M), results))
         for arm, walls_m in [*((arm, None) for arm in arms), *((arm, WALLS_M) for arm in walled)]:
-            own = with_overrides(config, {"robot.hull_radius_m": RADIUS_M}) if arm.endswith("+") else config
             worlds = [
-                drive_cases(arm.rstrip("+"), drawn[first : first + WORLDS], own, walls_m)
+                drive_cases(arm, drawn[first : first + WORLDS], config, walls_m)
                 for first in tqdm(range(0, cases, WORLDS), f"{count} people, {arm}", leave=False)
             ]
-            plans_with, setting = own.robot.hull_radius_m, "protocol" if walls_m is None else "walls added"
+            plans_with, setting = config.robot.hull_radius_m, "protocol" if walls_m is None else "walls added"
             for hull, judged_with in enumerate(dict.fromkeys((RADIUS_M, plans_with))):
                 results = [result for block in worlds for result in block.outcomes(hull)]
-                rows.append(row_of(setting, count, arm.rstrip("+"), "lidar", (plans_with, judged_with), results))
+                rows.append(row_of(setting, count, arm, "lidar", (plans_with, judged_with), results))
             if on_row is not None:
                 on_row(pd.DataFrame(rows, columns=COLUMNS))
     return pd.DataFrame(rows, columns=COLUMNS)
