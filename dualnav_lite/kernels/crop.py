@@ -101,7 +101,7 @@ def crop_maps(
 
     Args:
         cells: (n, G, G) u8 received maps, corners: (n, 2) their windows.
-        poses: (n, 3) where each image is taken, odom frame.
+        poses: (n, 3) where each image is taken, map frame.
         cached: whether the present scan is laid over.
         age_steps: (n,) age of each map; free space is laid over only where the map is older than the scan.
         scans: (n, beams, 2) f32, labels: (n, beams) u8.

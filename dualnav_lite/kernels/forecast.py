@@ -55,13 +55,13 @@ def describe_mover(states, poses, scan, sequence, context, frame):
     """What the network is told about one mover, in the mover's own frame: origin at its middle, x along its velocity.
 
     Args:
-        states: (f, COLUMNS) of its track after each scan, odometry frame; an age of 0 before it was first seen.
-        poses: (f, 3) odometry; scan: (beams, 2) the newest.
+        states: (f, COLUMNS) of its track after each scan, map frame; an age of 0 before it was first seen.
+        poses: (f, 3) believed; scan: (beams, 2) the newest.
         sequence: (f, SEQUENCE) out: is tracked; x, y [m]; vx, vy [m/s]; standard deviation of the velocity; was seen;
             x, y of the robot [m].
         context: (CONTEXT,) out: speed [m/s], radius [m], age as a share of f, distance [m], robot's vx, vy [m/s], scans
             since it was last seen, room ahead, room in each sector.
-        frame: (4,) out: x, y of its middle, cosine and sine of its heading, odometry frame.
+        frame: (4,) out: x, y of its middle, cosine and sine of its heading, map frame.
     """
     depth = states.shape[0]
     now, pose = states[depth - 1], poses[depth - 1]
@@ -164,20 +164,10 @@ def run_network_on_movers(
     sequences, contexts, valid, w_input, w_hidden, bias, w_first, b_first, w_last, b_last, outputs
 ):
     """`run_network` for every valid mover of n worlds; other rows of `outputs` (n, K, O) are zero."""
+    weights = (w_input, w_hidden, bias, w_first, b_first, w_last, b_last)
     for i in range(valid.shape[0]):
         for k in range(valid.shape[1]):
             if valid[i, k]:
-                run_network(
-                    sequences[i, k],
-                    contexts[i, k],
-                    w_input,
-                    w_hidden,
-                    bias,
-                    w_first,
-                    b_first,
-                    w_last,
-                    b_last,
-                    outputs[i, k],
-                )
+                run_network(sequences[i, k], contexts[i, k], *weights, outputs[i, k])
             else:
                 outputs[i, k] = 0.0

@@ -7,7 +7,7 @@ from numba import njit
 
 from dualnav_lite.kernels.scan_noise import path_loss
 
-# The grid is toroidal: the cell that holds (x, y) of the odom frame is [floor(y / res) mod G, floor(x / res) mod G], so
+# The grid is toroidal: the cell that holds (x, y) of the map frame is [floor(y / res) mod G, floor(x / res) mod G], so
 # nothing moves in memory while the robot drives. A window's `corner` is floor(x / res), floor(y / res) of its lowest
 # cell; each cell of the array stands for the one place inside the window that maps to it. Inner loops see a grid as one
 # long row: a flat index is quicker, and so is copying.
@@ -156,7 +156,7 @@ def update_maps(
         cells: (n, G, G) u8 cell codes, changed in place.
         evidence: (n, G, G) i8, votes: (n, G, G) u8, likewise.
         corners: (n, 2) i64 lowest cell of each window, x then y, likewise.
-        poses: (n, 3) believed poses, odom frame.
+        poses: (n, 3) believed poses, map frame.
         scans: (n, beams, 2) f32, labels: (n, beams) u8.
         step: (n,) i64; which beams carve goes round with it.
         active: (n,) bool, the others stay as they are.

@@ -205,17 +205,11 @@ def move(
     for i in range(kinds.shape[0]):
         group_speed = 0.0
         if has_group[i]:
+            state = (group_phase[i], group_timer[i], group_leg[i], group_place[i])
             group_phase[i], group_timer[i], group_leg[i], group_place[i], group_speed = _advance_group(
-                group_plan[i],
-                group_phase[i],
-                group_timer[i],
-                group_leg[i],
-                group_place[i],
-                robots[i],
-                robot_v[i],
-                group_pauses[i],
-                dt,
+                group_plan[i], *state, robots[i], robot_v[i], group_pauses[i], dt
             )
+        others = (kinds[i], radii[i], states[i], active[i])
         for m in range(kinds.shape[1]):
             kind = kinds[i, m]
             velocities[i, m, 0] = velocities[i, m, 1] = 0.0
@@ -235,57 +229,18 @@ def move(
                     if not has_group[i] or group_phase[i] == WAITING:
                         continue
                     waits[i, m] = False
-                want_x, want_y, index[i, m], timers[i, m] = _towards_waypoint(
-                    states[i, m, 0],
-                    states[i, m, 1],
-                    speeds[i, m],
-                    waypoints[i, m],
-                    pauses[i, m],
-                    counts[i, m],
-                    index[i, m],
-                    timers[i, m],
-                    dt,
-                )
+                x, y, vx, vy = states[i, m, 0], states[i, m, 1], states[i, m, 3], states[i, m, 4]
+                way = (waypoints[i, m], pauses[i, m], counts[i, m], index[i, m], timers[i, m])
+                want_x, want_y, index[i, m], timers[i, m] = _towards_waypoint(x, y, speeds[i, m], *way, dt)
                 if kind == PEDESTRIAN:
                     index[i, m], blocked[i, m] = _give_up(
-                        states[i, m, 3],
-                        states[i, m, 4],
-                        index[i, m],
-                        timers[i, m],
-                        counts[i, m],
-                        blocked[i, m],
-                        dt,
+                        vx, vy, index[i, m], timers[i, m], counts[i, m], blocked[i, m], dt
                     )
                     vx, vy = _pedestrian(
-                        m,
-                        kinds[i],
-                        radii[i],
-                        states[i],
-                        active[i],
-                        want_x,
-                        want_y,
-                        speeds[i, m],
-                        robots[i],
-                        hull,
-                        segments[i],
-                        num_static[i],
-                        dt,
+                        m, *others, want_x, want_y, speeds[i, m], robots[i], hull, segments[i], num_static[i], dt
                     )
                 elif kind == UNAWARE:
                     vx, vy = want_x, want_y
                 else:
-                    vx, vy = _forklift(
-                        m,
-                        kinds[i],
-                        radii[i],
-                        states[i],
-                        active[i],
-                        want_x,
-                        want_y,
-                        speeds[i, m],
-                        halves[i, m],
-                        robots[i],
-                        hull,
-                        dt,
-                    )
+                    vx, vy = _forklift(m, *others, want_x, want_y, speeds[i, m], halves[i, m], robots[i], hull, dt)
                 velocities[i, m, 0], velocities[i, m, 1] = vx, vy

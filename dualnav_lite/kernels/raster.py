@@ -17,7 +17,7 @@ def rasterise_scans(scans, poses, compensate, cosines, sines, frames):
 
     Args:
         scans: (n, f, beams, 2) range [m] and intensity, oldest first; intensity 0 marks a beam without a return.
-        poses: (n, f, 3) odometry poses of those scans, same frame.
+        poses: (n, f, 3) believed poses of those scans, map frame.
         compensate: whether the robot's own motion is taken out; else each scan is drawn from its own pose.
         cosines, sines: (beams,) directions of the beams, robot frame.
         frames: (n, f, SIZE, SIZE) uint8, written: 255 where a beam ends, else 0.

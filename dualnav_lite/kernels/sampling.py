@@ -217,27 +217,13 @@ def score_commands(pose, twist, commands, headings, goal, fields, grid, circles,
     """
     begin, end, dt = p[FIRST_S], p[FIRST_S] + p[SECOND_S], p[DT]
     first, state = np.empty(5), np.empty(5)
+    around = (goal, fields, grid, circles, boxes, p)
     cheapest = np.inf
     for k in range(commands.shape[0]):
         first[0], first[1], first[2], first[3], first[4] = pose[0], pose[1], pose[2], twist[0], twist[1]
         own = p[TURN_COST] * abs(commands[k, 1] - twist[1]) + p[SPEED_COST] * abs(commands[k, 0] - twist[0])
         limit = cheapest + p[CAP] - own
-        begun, over = _roll(
-            first,
-            commands[k, 0],
-            commands[k, 1],
-            np.nan,
-            0.0,
-            begin,
-            dt,
-            limit,
-            goal,
-            fields,
-            grid,
-            circles,
-            boxes,
-            p,
-        )
+        begun, over = _roll(first, commands[k, 0], commands[k, 1], np.nan, 0.0, begin, dt, limit, *around)
         own += begun
         best = 0.0 if over else np.inf
         for j in range(headings.shape[0] + 4):
@@ -256,22 +242,7 @@ def score_commands(pose, twist, commands, headings, goal, fields, grid, circles,
             else:
                 heading = headings[j - 4]
             limit = min(best, cheapest + p[CAP] - own)
-            cost, is_end = _roll(
-                state,
-                v,
-                omega,
-                heading,
-                begin,
-                end,
-                2.0 * dt,
-                limit,
-                goal,
-                fields,
-                grid,
-                circles,
-                boxes,
-                p,
-            )
+            cost, is_end = _roll(state, v, omega, heading, begin, end, 2.0 * dt, limit, *around)
             if not is_end:
                 cost += _cost_to_go(state, end, fields, grid, circles, p)
             best = min(best, cost)

@@ -1,4 +1,4 @@
-"""Scan clusters followed through time: which of them move, and how fast, in the odometry frame."""
+"""Scan clusters followed through time: which of them move, and how fast, in the map frame."""
 
 import math
 
@@ -229,12 +229,12 @@ def _step_world(scan, pose, dt, tracks, places, ranges, poses, count):
 
 
 @njit(cache=True)
-def step_tracks(scans, poses_odom, active, dt, tracks, places, past_ranges, past_poses, counts):
+def step_tracks(scans, poses, active, dt, tracks, places, past_ranges, past_poses, counts):
     """Advance the tracks of n worlds by one scan each.
 
     Args:
         scans: (n, beams, 2) range [m] and intensity.
-        poses_odom: (n, 3) odometry.
+        poses: (n, 3) believed poses, map frame.
         active: (n,) bool; other worlds stay as they are.
         dt: time between scans [s].
         tracks: (n, T, COLUMNS), changed; an age of 0 marks a free row.
@@ -244,30 +244,30 @@ def step_tracks(scans, poses_odom, active, dt, tracks, places, past_ranges, past
     """
     for i in range(scans.shape[0]):
         if active[i]:
-            _step_world(scans[i], poses_odom[i], dt, tracks[i], places[i], past_ranges[i], past_poses[i], counts[i])
+            _step_world(scans[i], poses[i], dt, tracks[i], places[i], past_ranges[i], past_poses[i], counts[i])
             counts[i] += 1
 
 
 @njit(cache=True)
-def nearest_movers(tracks, poses_odom, positions, velocities, radii, ages, valid, rows):
+def nearest_movers(tracks, poses, positions, velocities, radii, ages, valid, rows):
     """The nearest tracks of each world that move or have walked before, nearest first, seen from the robot.
 
     Args:
-        tracks: (n, T, COLUMNS); poses_odom: (n, 3).
+        tracks: (n, T, COLUMNS); poses: (n, 3).
         positions: (n, K, 2) out [m], robot frame; velocities (n, K, 2) out [m/s] over ground, robot-frame axes;
         radii (n, K) out [m]; ages (n, K) i64 out [scans]; valid (n, K) out. Unused rows are zero.
         rows: (n, K) i64 out: each mover's row of `tracks`, -1 where there is none.
     """
     limit = positions.shape[1]
     for i in range(tracks.shape[0]):
-        c, s = math.cos(poses_odom[i, 2]), math.sin(poses_odom[i, 2])
+        c, s = math.cos(poses[i, 2]), math.sin(poses[i, 2])
         taken = np.zeros(tracks.shape[1], np.bool_)
         for row in range(limit):
             nearest, best = -1, np.inf
             for t in range(tracks.shape[1]):
                 is_mover = tracks[i, t, MOVING] > 0.0 or tracks[i, t, WALKED] >= WALKER_SCANS
                 if is_mover and tracks[i, t, MISSES] < GONE_MISSES and not taken[t]:
-                    distance = math.hypot(tracks[i, t, X] - poses_odom[i, 0], tracks[i, t, Y] - poses_odom[i, 1])
+                    distance = math.hypot(tracks[i, t, X] - poses[i, 0], tracks[i, t, Y] - poses[i, 1])
                     if distance < best:
                         nearest, best = t, distance
             valid[i, row] = nearest >= 0
@@ -279,7 +279,7 @@ def nearest_movers(tracks, poses_odom, positions, velocities, radii, ages, valid
                 continue
             taken[nearest] = True
             track = tracks[i, nearest]
-            dx, dy = track[X] - poses_odom[i, 0], track[Y] - poses_odom[i, 1]
+            dx, dy = track[X] - poses[i, 0], track[Y] - poses[i, 1]
             positions[i, row, 0], positions[i, row, 1] = c * dx + s * dy, c * dy - s * dx
             vx, vy = track[VX] * track[MOVING], track[VY] * track[MOVING]  # what stands has the speed of its noise
             velocities[i, row, 0], velocities[i, row, 1] = c * vx + s * vy, c * vy - s * vx
