@@ -106,6 +106,11 @@ def parts_in(folder: str | Path = ".", lessons=None) -> dict[str, Part]:
     return found
 
 
+def has_lessons(folder: str | Path) -> bool:
+    """Whether a folder holds a notebook of a lesson with exercises."""
+    return any((Path(folder) / f"{lesson}.ipynb").exists() for lesson in LESSONS)
+
+
 def _line(part: Part, language: str) -> str:
     text, state = (YOURS if part.is_yours else LIBRARY), STATES[part.state]
     k = ("en", "zh").index(language)
@@ -129,10 +134,10 @@ def status(folder: str | Path = ".", lang: str | None = None, export: str | Path
     Args:
         folder: with the notebooks.
         lang: as in `check`.
-        export: another folder, which gets what is yours (`export_parts`).
+        export: another folder, which gets what is yours (`export_parts`); nothing where there is no lesson.
     """
     language = language_of(lang)
-    found = export_parts(folder, export) if export else parts_in(folder)
+    found = export_parts(folder, export) if export and has_lessons(folder) else parts_in(folder)
     for lesson in LESSONS:
         print(lesson)
         for one in found.values():
@@ -161,6 +166,8 @@ def export_parts(notebooks: str | Path, out: str | Path) -> dict[str, Part]:
     Raises:
         UnusableInput: no lesson lies in the folder, or `out` refuses.
     """
+    if not has_lessons(notebooks):
+        raise UnusableInput(f"{notebooks}: no lesson of the course lies there")
     found: dict[str, Part] = {}
     for lesson in LESSONS:
         path = Path(notebooks) / f"{lesson}.ipynb"
@@ -172,8 +179,6 @@ def export_parts(notebooks: str | Path, out: str | Path) -> dict[str, Part]:
             kept.append(source if is_kept else STAND_IN.format(id=exercise))
         if any(found[exercise].is_yours for exercise in LESSONS[lesson]):
             write_atomic(Path(out) / f"{lesson}.py", "\n\n\n".join(kept) + "\n")
-    if all(one.state == "no notebook" for one in found.values()):
-        raise UnusableInput(f"{notebooks}: no lesson of the course lies there")
     policy = Path(notebooks) / "weights" / POLICY
     if policy.exists():
         write_atomic(Path(out) / POLICY, policy.read_bytes())
@@ -226,7 +231,7 @@ def arms_with_parts(folder: str | Path, arms: Sequence[str] = ()) -> list[str]:
         arms: ids.
     """
     folder = Path(folder).resolve()
-    if any((folder / f"{lesson}.ipynb").exists() for lesson in LESSONS):
+    if has_lessons(folder):
         export_parts(folder, folder / "parts")
         folder = folder / "parts"
     load_parts(folder)  # a folder that is none ends here, not in a notebook

@@ -69,7 +69,10 @@ def status(
     """Which exercises pass, and whose part is used for each; with --export, your parts as a folder."""
     from dualnav_lite import parts
 
-    parts.status(lessons_in(folder), lang, export)
+    folder = lessons_in(folder)
+    if export and not parts.has_lessons(folder):
+        raise UnusableInput(f"{folder}: no lesson of the course lies there")
+    parts.status(folder, lang, export)
     return 0
 
 

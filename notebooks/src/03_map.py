@@ -205,8 +205,8 @@ print(", ".join(f"{scenario} at most {age.max():.1f} s" for scenario, age in age
 # expect: comms_dropout at most 1.5 s, comms_dropout_bursts at most 3.7 s
 
 # %% [markdown]
-# A second is 0.8 m of way, or half a turn. An image that old, taken for the present one, shows every wall in the wrong
-# place.
+# A second is 0.8 m of way, or a turn by 70 degrees. An image that old, taken for the present one, shows every wall in the
+# wrong place.
 #
 # ## 4. `cache`: where was this cell a second ago?
 #
