@@ -1,5 +1,6 @@
-"""A picture to draw on with OpenCV: smooth shapes, text, and colour maps for the observation's channels."""
+"""A picture to draw on with OpenCV: smooth shapes, text, two themes, and colour maps for the observation's channels."""
 
+from dataclasses import dataclass
 from functools import cache
 
 import cv2
@@ -15,25 +16,87 @@ WHITE = (255, 255, 255)
 BLUE, VERMILLION, PURPLE = (0, 114, 178), (213, 94, 0), (204, 121, 167)
 
 
-# Of what is neither a thing in the room nor a value of a channel: behind everything; the room's floor and its metre
-# lines; text, lesser text and frames; solids, and the outline of everything drawn on the floor.
-PAGE, FLOOR, GRID = WHITE, (248, 248, 246), (232, 232, 228)
-INK, QUIET = (28, 30, 34), (110, 114, 120)
-WALL, FURNITURE, EDGE = (58, 62, 70), (178, 176, 170), (48, 50, 56)
+@dataclass(frozen=True)
+class Theme:
+    """Colours (RGB) of what is neither a thing in the room nor a value of a channel.
+
+    Attributes:
+        name: key in `THEMES`.
+        page: behind everything; floor: of the room; grid: its metre lines; ink: text; quiet: lesser text and frames.
+        wall, furniture, edge: solids and the outline of everything drawn on the floor.
+        trail: where the robot has been; rim: outline of the robot.
+    """
+
+    name: str
+    page: tuple
+    floor: tuple
+    grid: tuple
+    ink: tuple
+    quiet: tuple
+    wall: tuple
+    furniture: tuple
+    edge: tuple
+    trail: tuple
+    rim: tuple
+
+
+THEMES = {
+    "light": Theme(
+        name="light",
+        page=(255, 255, 255),
+        floor=(248, 248, 246),
+        grid=(232, 232, 228),
+        ink=(28, 30, 34),
+        quiet=(110, 114, 120),
+        wall=(58, 62, 70),
+        furniture=(178, 176, 170),
+        edge=(48, 50, 56),
+        trail=BLUE,
+        rim=(48, 50, 56),
+    ),
+    "dark": Theme(
+        name="dark",
+        page=(17, 19, 24),
+        floor=(30, 33, 40),
+        grid=(44, 48, 57),
+        ink=(236, 238, 242),
+        quiet=(150, 156, 166),
+        wall=(168, 174, 186),
+        furniture=(92, 96, 106),
+        edge=(12, 13, 16),
+        trail=SKY,
+        rim=WHITE,
+    ),
+}
+
+
+def theme_of(name: str) -> Theme:
+    """The theme with this name; `ValueError` naming the known ones otherwise."""
+    if name not in THEMES:
+        raise ValueError(f"unknown theme '{name}'; known: {', '.join(THEMES)}")
+    return THEMES[name]
+
 
 # Corner points of each colour map in CIELAB, walked at constant speed: equal steps of a value look equally large.
 # Hues differ along blue and yellow, and lightness is monotone (on each side of 0 where values are signed).
 _WALKS = {
-    "static": [(98, 0, 1), (16, 1, -7)],
-    "signed": [(38, 6, -44), (97, 0, 1), (48, 48, 52)],
-    "intensity": [(98, 0, 2), (80, 14, 52), (57, 52, 34), (34, 48, -22), (14, 22, -34)],
+    "light": {
+        "static": [(98, 0, 1), (16, 1, -7)],
+        "signed": [(38, 6, -44), (97, 0, 1), (48, 48, 52)],
+        "intensity": [(98, 0, 2), (80, 14, 52), (57, 52, 34), (34, 48, -22), (14, 22, -34)],
+    },
+    "dark": {
+        "static": [(9, 0, -3), (92, 0, 3)],
+        "signed": [(74, -12, -34), (11, 0, -3), (74, 26, 62)],
+        "intensity": [(9, 1, -4), (26, 40, -46), (50, 62, 2), (72, 34, 56), (96, -4, 34)],
+    },
 }
 
 
 @cache
-def colour_map(name: str) -> np.ndarray:
+def colour_map(name: str, theme: str = "light") -> np.ndarray:
     """(256, 3) uint8 RGB from the lowest to the highest value, read-only; `static`, `signed` or `intensity`."""
-    corners = np.array(_WALKS[name], float)
+    corners = np.array(_WALKS[theme][name], float)
     reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
     at = np.linspace(0.0, reached[-1], 256)
     if name == "signed":  # 0 stays in the middle, whichever arm is longer
@@ -45,10 +108,10 @@ def colour_map(name: str) -> np.ndarray:
     return table
 
 
-def coloured(values, name: str) -> np.ndarray:
+def coloured(values, name: str, theme: str = "light") -> np.ndarray:
     """(..., 3) uint8 RGB of values in [0, 1], or in [-1, 1] for the map `signed`."""
     share = 0.5 * (np.asarray(values) + 1.0) if name == "signed" else np.asarray(values)
-    return colour_map(name)[np.rint(255.0 * np.clip(share, 0.0, 1.0)).astype(np.uint8)]
+    return colour_map(name, theme)[np.rint(255.0 * np.clip(share, 0.0, 1.0)).astype(np.uint8)]
 
 
 def mixed(colour, other, share: float) -> tuple:

@@ -81,7 +81,8 @@ class DynamicNavEnv(OneWorld):
     Args:
         config_path: a config file, written with its defaults if missing; or None.
         config: a `Config`, instead of a file.
-        scenario, truth, full_map, encoder, reward_function, predictor, render_mode: as in `DynamicNavVectorEnv`.
+        scenario, truth, full_map, encoder, reward_function, predictor, render_mode, render_theme: as in
+            `DynamicNavVectorEnv`.
 
     Example:
         >>> env = DynamicNavEnv(scenario="navigation")

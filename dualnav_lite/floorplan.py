@@ -8,21 +8,15 @@ import numpy as np
 
 from dualnav_lite.canvas import (
     BLUE,
-    EDGE,
-    FLOOR,
-    FURNITURE,
     GREEN,
-    GRID,
-    INK,
     ORANGE,
     PURPLE,
-    QUIET,
     SKY,
     VERMILLION,
-    WALL,
     WHITE,
     YELLOW,
     Canvas,
+    Theme,
     coloured,
     mixed,
 )
@@ -58,6 +52,7 @@ class FloorPlan:
         canvas: to draw on.
         env: after its first reset.
         world: which of its worlds.
+        theme: colours.
         left, top, side: the square [points]; the room with its walls fills it in one direction and is in its middle
             in the other, or at its top left corner unless `centred`.
     """
@@ -67,12 +62,13 @@ class FloorPlan:
         canvas: Canvas,
         env: DynamicNavVectorEnv,
         world: int,
+        theme: Theme,
         left: float,
         top: float,
         side: float,
         centred: bool = True,
     ):
-        self.canvas, self.env, self.world = canvas, env, world
+        self.canvas, self.env, self.world, self.theme = canvas, env, world, theme
         self.room = env.sim.layouts[world].room
         self._size = np.array([self.room.width, self.room.height])
         self._scale = side / (self._size.max() + 2 * WALL_M)
@@ -102,34 +98,34 @@ class FloorPlan:
         self._paint_robot()
 
     def _paint_solids(self) -> None:
-        canvas, room = self.canvas, self.room
-        canvas.polygon(self._at(_UNIT * (self._size + 2 * WALL_M) - WALL_M), WALL)
-        canvas.polygon(self._at(_UNIT * self._size), FLOOR)
+        canvas, theme, room = self.canvas, self.theme, self.room
+        canvas.polygon(self._at(_UNIT * (self._size + 2 * WALL_M) - WALL_M), theme.wall)
+        canvas.polygon(self._at(_UNIT * self._size), theme.floor)
         for x in range(1, int(np.ceil(room.width))):
-            canvas.line(self._at([[x, 0.0], [x, room.height]]), GRID)
+            canvas.line(self._at([[x, 0.0], [x, room.height]]), theme.grid)
         for y in range(1, int(np.ceil(room.height))):
-            canvas.line(self._at([[0.0, y], [room.width, y]]), GRID)
-        fills = {Surface.WALL: WALL, Surface.DOOR: PURPLE, Surface.FURNITURE: FURNITURE}
+            canvas.line(self._at([[0.0, y], [room.width, y]]), theme.grid)
+        fills = {Surface.WALL: theme.wall, Surface.DOOR: PURPLE, Surface.FURNITURE: theme.furniture}
         for corners, surface in zip(box_corners(room.boxes), room.surfaces, strict=True):
-            edge = mixed(FURNITURE, EDGE, 0.5) if surface == Surface.FURNITURE else None
+            edge = mixed(theme.furniture, theme.edge, 0.5) if surface == Surface.FURNITURE else None
             canvas.polygon(self._at(corners), fills[Surface(surface)], edge)
 
     def _paint_goal(self) -> None:
         sim, centre = self.env.sim, self._at(self.env.sim.goals[self.world])
         radius = sim.scenarios[self.world].goal_radius_m * self._scale
-        self.canvas.circle(centre, radius, mixed(GREEN, FLOOR, 0.75), GREEN, 2.0)
+        self.canvas.circle(centre, radius, mixed(GREEN, self.theme.floor, 0.75), GREEN, 2.0)
         self.canvas.circle(centre, 3.0, GREEN)
 
     def _paint_trail(self, trail) -> None:
         """Where the robot has been, fading with age."""
-        points = self._at(trail)
+        points, theme = self._at(trail), self.theme
         edges = np.linspace(0, len(points) - 1, TRAIL_PIECES + 1).round().astype(int)
         for k in range(TRAIL_PIECES):
             part = slice(edges[k], edges[k + 1] + 1)
             jumps = np.flatnonzero(np.hypot(*np.diff(trail[part], axis=0).T) > JUMP_M) + 1
             for piece in np.split(points[part], jumps):
                 if len(piece) > 1:
-                    self.canvas.line(piece, mixed(FLOOR, BLUE, 0.25 + 0.65 * k / (TRAIL_PIECES - 1)), 2.5)
+                    self.canvas.line(piece, mixed(theme.floor, theme.trail, 0.25 + 0.65 * k / (TRAIL_PIECES - 1)), 2.5)
 
     def _paint_phantoms(self) -> None:
         scene, world = self.env.sim.scene, self.world
@@ -142,19 +138,19 @@ class FloorPlan:
 
     def _paint_movers(self) -> None:
         """People and boxes, each with the way it goes in one second."""
-        movers, canvas = self.env.sim.movers, self.canvas
+        movers, canvas, theme = self.env.sim.movers, self.canvas, self.theme
         rows = np.flatnonzero(movers.active[self.world])
         for m in rows:
             state, halves = movers.states[self.world, m], movers.halves[self.world, m]
             fill = COLOUR_OF_KIND[int(movers.kinds[self.world, m])]
             if halves[0] > 0:
-                canvas.polygon(self._at(box_corners([*state[:3], *halves])), fill, EDGE, 1.2)
+                canvas.polygon(self._at(box_corners([*state[:3], *halves])), fill, theme.edge, 1.2)
             else:
                 radius = movers.radii[self.world, m] * self._scale
-                canvas.circle(self._at(state[:2]), radius, fill, EDGE, 1.2)
+                canvas.circle(self._at(state[:2]), radius, fill, theme.edge, 1.2)
         for x, y, _, vx, vy in movers.states[self.world, rows]:
             if np.hypot(vx, vy) > MOVING_M_S:
-                canvas.arrow(self._at([x, y]), self._at([x + vx, y + vy]), INK, 1.6, 7.0)
+                canvas.arrow(self._at([x, y]), self._at([x + vx, y + vy]), theme.ink, 1.6, 7.0)
 
     def _paint_scan(self, scan) -> None:
         """Where beams ended, seen from the true pose: the sensor's noise shows, the drift of the odometry does not."""
@@ -163,7 +159,7 @@ class FloorPlan:
         points = to_world(scan[hit, :1] * directions, self.env.sim.poses[self.world])
         inside = ((points > -WALL_M) & (points < self._size + WALL_M)).all(axis=1)
         # The palest colours of the map would vanish on the floor.
-        shade = coloured(0.35 + 0.65 * scan[hit, 1], "intensity")
+        shade = coloured(0.35 + 0.65 * scan[hit, 1], "intensity", self.theme.name)
         self.canvas.dots(self._at(points[inside]), shade[inside], 1.3, 0.75)
 
     def _paint_frame(self) -> None:
@@ -174,7 +170,7 @@ class FloorPlan:
             inside = ((points >= 0.0) & (points <= self._size)).all(axis=1)
             for k in range(0, 64, 2):
                 if inside[k : k + 2].all():
-                    self.canvas.line(self._at(points[k : k + 2]), QUIET, 0.8)
+                    self.canvas.line(self._at(points[k : k + 2]), self.theme.quiet, 0.8)
 
     def _paint_guide(self) -> None:
         """Planned way and guide point, turned from the robot's frame by its true pose."""
@@ -185,6 +181,6 @@ class FloorPlan:
 
     def _paint_robot(self) -> None:
         pose, hull = self.env.sim.poses[self.world], self.env.config.robot.hull_radius_m
-        self.canvas.circle(self._at(pose[:2]), hull * self._scale, BLUE, EDGE, 1.2)
+        self.canvas.circle(self._at(pose[:2]), hull * self._scale, BLUE, self.theme.rim, 1.2)
         nose = hull * np.array([[0.78, 0.0], [-0.45, 0.5], [-0.2, 0.0], [-0.45, -0.5]])
         self.canvas.polygon(self._at(to_world(nose, pose)), WHITE)

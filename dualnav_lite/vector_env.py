@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from dualnav_lite import rewards, streams
+from dualnav_lite.canvas import THEMES
 from dualnav_lite.config import Config, UnusableInput, load_config
 from dualnav_lite.interface import action_box, checked_actions, checked_reset, observation_box, restarted_infos
 from dualnav_lite.journal import Journal
@@ -41,7 +42,7 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
         encoder, reward_function, predictor: a student's parts (SPEC 15), called a world at a time;
             None for the library's.
         autoreset: see above.
-        render_mode: None or "rgb_array".
+        render_mode: None or "rgb_array"; render_theme: "light", or "dark" for a dark notebook.
 
     Raises:
         UnusableInput: a config or scenario that cannot be used.
@@ -60,6 +61,7 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
         predictor: Callable | None = None,
         autoreset: bool = True,
         render_mode: str | None = None,
+        render_theme: str = "light",
     ):
         self.config = config if isinstance(config, Config) else load_config(config)
         if self.config.simulator != "pymunk":
@@ -69,7 +71,9 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
             )
         if render_mode not in (None, "rgb_array"):
             raise UnusableInput(f"render_mode '{render_mode}' is unknown; known: None, 'rgb_array'")
-        self.num_envs, self.render_mode = num_envs, render_mode
+        if render_theme not in THEMES:
+            raise UnusableInput(f"render_theme '{render_theme}' is unknown; known: {', '.join(THEMES)}")
+        self.num_envs, self.render_mode, self._theme = num_envs, render_mode, render_theme
         mode = AutoresetMode.SAME_STEP if autoreset else AutoresetMode.DISABLED
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": 10, "autoreset_mode": mode}
         self.scenarios = resolve_scenarios(self.config, scenario)
@@ -278,4 +282,4 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
         """(n,) tuple of (H, W, 3) uint8 pictures of the worlds, as drawn by `render.draw`."""
         if self.render_mode != "rgb_array":
             raise gymnasium.error.Error("render() needs render_mode='rgb_array'")
-        return tuple(draw(self, i) for i in range(self.num_envs))
+        return tuple(draw(self, i, self._theme) for i in range(self.num_envs))

@@ -8,7 +8,7 @@ import pytest
 
 from dualnav_lite import canvas, render
 from dualnav_lite.canvas import BLUE, GREEN, ORANGE, Canvas, colour_map
-from dualnav_lite.config import Config, Motion, Observation
+from dualnav_lite.config import Config, Motion, Observation, UnusableInput
 from dualnav_lite.env import DynamicNavEnv
 from dualnav_lite.floorplan import WALL_M
 from dualnav_lite.scenario import all_scenarios
@@ -84,7 +84,7 @@ def test_robot_and_goal_are_drawn_where_they_are(worlds, world):
     assert np.hypot(*(robot - sim.poses[world, :2])) < 0.06  # the white nose takes some blue away on one side
     behind = robot - sim.poses[world, :2]
     assert behind @ [np.cos(sim.poses[world, 2]), np.sin(sim.poses[world, 2])] < 0.03
-    goal = middle_of(picture, canvas.mixed(GREEN, canvas.FLOOR, 0.75), room)
+    goal = middle_of(picture, canvas.mixed(GREEN, canvas.theme_of("light").floor, 0.75), room)
     assert np.hypot(*(goal - sim.goals[world])) < 0.06
 
 
@@ -122,9 +122,10 @@ def test_channels_are_drawn_upright_and_cell_by_cell(worlds):
         assert same[:, ~hidden].mean() > 0.99
 
 
+@pytest.mark.parametrize("theme", ["light", "dark"])
 @pytest.mark.parametrize("name", ["static", "signed", "intensity"])
-def test_equal_steps_of_a_value_look_equally_large(name):
-    table = lab(colour_map(name))
+def test_equal_steps_of_a_value_look_equally_large(theme, name):
+    table = lab(colour_map(name, theme))
     for arm in (table[:128], table[128:]) if name == "signed" else (table,):
         steps = np.linalg.norm(arm[8::8] - arm[:-8:8], axis=1)
         assert steps.max() < 1.7 * steps.min()  # but for colours that a screen cannot show
@@ -132,15 +133,17 @@ def test_equal_steps_of_a_value_look_equally_large(name):
         assert (lightness > 0).all() or (lightness < 0).all()
 
 
-def test_zero_is_the_quietest_colour_of_a_signed_channel():
-    below, zero, above = lab(canvas.coloured(np.array([-1.0, 0.0, 1.0]), "signed"))
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_zero_is_the_quietest_colour_of_a_signed_channel(theme):
+    below, zero, above = lab(canvas.coloured(np.array([-1.0, 0.0, 1.0]), "signed", theme))
     assert np.hypot(*zero[1:]) < 5
     assert np.linalg.norm(below - zero) > 50
     assert np.linalg.norm(above - zero) > 50
 
 
-def test_signs_differ_for_eyes_without_green_cones():
-    ends = canvas.coloured(np.array([-0.6, 0.6]), "signed") / 255.0
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_signs_differ_for_eyes_without_green_cones(theme):
+    ends = canvas.coloured(np.array([-0.6, 0.6]), "signed", theme) / 255.0
     linear = np.where(ends <= 0.04045, ends / 12.92, ((ends + 0.055) / 1.055) ** 2.4)
     seen = np.clip(linear @ WITHOUT_GREEN_CONES.T, 0.0, 1.0)
     seen = np.where(seen <= 0.0031308, 12.92 * seen, 1.055 * seen ** (1 / 2.4) - 0.055)
@@ -173,13 +176,16 @@ def test_no_text_lies_over_another_or_leaves_the_page(scenario, monkeypatch):
         assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1], f"'{a[4]}' over '{b[4]}'"
 
 
-def test_three_channels_and_small_pictures_work():
+def test_three_channels_dark_theme_and_small_pictures_work():
     config = Config(observation=Observation(intensity=False, motion=Motion(method="none")))
     env = DynamicNavVectorEnv(1, config, "pop_up", render_mode="rgb_array")
     env.reset(seed=SEED)
-    picture = render.draw(env, 0, height=320)
-    assert picture.shape == (320, 480, 3)
-    assert picture.mean() > 200
+    light, dark = render.draw(env, 0, height=320), render.draw(env, 0, "dark", height=320)
+    assert light.shape == dark.shape == (320, 480, 3)
+    assert light.mean() > 200
+    assert dark.mean() < 60
+    with pytest.raises(ValueError, match="unknown theme 'pink'; known: light, dark"):
+        render.draw(env, 0, "pink")
 
 
 def test_a_robot_without_an_open_goal_is_drawn_without_one():
@@ -190,3 +196,14 @@ def test_a_robot_without_an_open_goal_is_drawn_without_one():
     without = render.draw_room(env, 0)
     assert (with_goal == GREEN).all(axis=2).sum() > 100
     assert not (without == GREEN).all(axis=2).any()
+
+
+def test_an_environment_draws_in_the_theme_that_was_asked_for():
+    pictures = {}
+    for theme in ("light", "dark"):
+        env = DynamicNavEnv(scenario="navigation", render_mode="rgb_array", render_theme=theme)
+        env.reset(seed=SEED)
+        pictures[theme] = env.render()
+    assert pictures["dark"].mean() < 60 < 180 < pictures["light"].mean()
+    with pytest.raises(UnusableInput, match="render_theme 'pink' is unknown; known: light, dark"):
+        DynamicNavEnv(render_mode="rgb_array", render_theme="pink")

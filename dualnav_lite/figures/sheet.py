@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from dualnav_lite.canvas import theme_of
 from dualnav_lite.config import Config
 from dualnav_lite.encoder import BAND_EDGES, BANDS, CHANNELS
 from dualnav_lite.figures.chinese import CHINESE
@@ -139,7 +140,7 @@ def show_key(sheet: Sheet, env: DynamicNavVectorEnv, words: Words, columns: int 
         "dashes": {"linestyle": (0, (2, 1))},
     }
     handles = []
-    for text, symbol, colour in key_to_room(env, 0):
+    for text, symbol, colour in key_to_room(env, 0, theme_of("light")):
         handles.append(Line2D([], [], color=rgb(colour), label=words(text), **looks[symbol]))
     sheet.figure.legend(
         handles=handles, loc="lower center", ncols=columns, fontsize=SMALL, columnspacing=1.6, handletextpad=0.6
