@@ -14,6 +14,7 @@ from grading.store import write_result, write_whole
 from grading.submission import grade_timed
 
 PARENT_DEATH = 1  # PR_SET_PDEATHSIG
+MOST_A_WORKER = 20  # submissions; then a fresh one takes over, so that memory stays flat however large a class is
 
 
 def _work(pipe, room: Room, parent: int) -> None:
@@ -39,6 +40,7 @@ def run_workers(room: Room, todo: list[tuple[Submission, Path]], jobs: int, say)
     again: list[tuple[Submission, Path]] = []
     busy: dict = {}
     idle: list = []
+    served: dict = {}
 
     def hire():
         ours, theirs = context.Pipe()
@@ -63,7 +65,13 @@ def run_workers(room: Room, todo: list[tuple[Submission, Path]], jobs: int, say)
                 process, task, second = busy.pop(pipe)
                 try:
                     answer = pipe.recv()
-                    idle.append((pipe, process))
+                    served[pipe] = served.get(pipe, 0) + 1
+                    if served[pipe] < MOST_A_WORKER:
+                        idle.append((pipe, process))
+                    else:
+                        pipe.send(None)
+                        process.join()
+                        pipe.close()
                 except (EOFError, OSError):
                     process.join()
                     answer = "died"

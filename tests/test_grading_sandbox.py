@@ -1,5 +1,6 @@
 """What holds around a sandbox: it ends with its grader, has a core of its own, and hides every copy of the kit."""
 
+import collections
 import os
 import signal
 import subprocess
@@ -14,6 +15,7 @@ from grading import shown, watchdog
 from grading.attacks.graded import LESSON, attacked_rubric
 from grading.cores import on_a_core, take_core
 from grading.grade import grade_class
+from grading.intake import Submission
 from grading.job import Job, Limits
 from grading.lesson import grade_lesson
 from grading.masking import tainted_kernels
@@ -22,7 +24,7 @@ from grading.room import NOTEBOOKS, PACKAGE, prepared
 from grading.rubric import load_rubric
 from grading.sandbox import Sandbox
 from grading.secret import Secret
-from grading.store import locked
+from grading.store import locked, read_result
 from tests.test_attacks import works
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -44,6 +46,7 @@ serve.run({}, serve.greet(os.environ["GRADING_SOCKET"]))
 """
 GRADER = f"""
 import sys, time
+from grading.intake import Submission
 from grading.job import Job
 from grading.sandbox import Sandbox
 sandbox = Sandbox(Job(brought={{"restless.py": {RESTLESS!r}}}, program="restless.py"), sys.argv[1])
@@ -191,6 +194,21 @@ def test_a_submission_that_kills_the_grader_is_tried_last_and_costs_nobody_else(
     status = {(row["student_id"], row["exercise"]): row["status"] for row in rows}
     assert status["before", "goal"] == status["later", "goal"] == "passed"
     assert status["killer", "goal"] == "ungraded"
+
+
+def test_a_worker_grades_a_few_and_then_a_fresh_one_goes_on(tmp_path, monkeypatch):
+    from grading import crew
+
+    def graded(room, submission):
+        return {"student_id": submission.student_id, "worker": os.getpid()}, {"student_id": submission.student_id}
+
+    monkeypatch.setattr(crew, "grade_timed", graded)
+    monkeypatch.setattr(crew, "MOST_A_WORKER", 2)
+    todo = [(Submission(f"s{k}", ""), tmp_path / "results" / f"s{k}.json") for k in range(7)]
+    assert crew.run_workers(None, todo, 2, lambda text: None) == 0
+    workers = collections.Counter(read_result(path)["worker"] for _, path in todo)
+    assert sum(workers.values()) == 7
+    assert max(workers.values()) <= 2
 
 
 def test_a_kernel_that_does_not_start_in_time_is_nobodys_zero():
