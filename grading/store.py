@@ -31,8 +31,9 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def to_json(content) -> bytes:
-    """A result file's text, the same for the same content."""
-    return json.dumps(content, ensure_ascii=False, indent=1, sort_keys=True).encode("utf-8")
+    """A result file's text, the same for the same content; without a `<`, so that nothing shows it as a page."""
+    text = json.dumps(content, ensure_ascii=False, indent=1, sort_keys=True)
+    return text.replace("<", "\\u003c").encode("utf-8")
 
 
 def result_path(out: Path, fingerprint: str, submission: Submission) -> Path:

@@ -25,6 +25,7 @@ from grading.lms import fill, gradescope_results, totals
 from grading.room import NOTEBOOKS
 from grading.rubric import Late, load_rubric
 from grading.said import said_by
+from grading.store import to_json
 from grading.tables import rows_of
 from grading.tasks import questions_of
 
@@ -103,6 +104,12 @@ def test_what_a_cell_said_is_kept_whatever_comes_out_of_the_sandbox():
         b'{"cells": [3]}',
     ):
         assert said_by(nothing, order) == {}
+
+
+def test_a_result_file_holds_no_tag_and_says_the_same():
+    content = {"said": {"goal": EVIL + "\\ 张"}}
+    assert b"<" not in to_json(content)
+    assert json.loads(to_json(content)) == content
 
 
 def test_a_mistake_that_follows_from_another_is_told_after_it():
