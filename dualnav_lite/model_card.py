@@ -9,7 +9,7 @@ import yaml
 from dualnav_lite.cases import all_cases
 from dualnav_lite.chunks import sha256
 from dualnav_lite.config import UnusableInput, write_atomic
-from dualnav_lite.deploy import MODEL_FOLDER, EmbeddedPolicy
+from dualnav_lite.drivers import MODEL_FOLDER, EmbeddedPolicy
 from dualnav_lite.notebooks import ROOT
 from dualnav_lite.predictor import load as load_predictor
 from dualnav_lite.scenario import load_scenario

@@ -1,4 +1,4 @@
-"""Notebooks: made from percent scripts byte for byte, taken back into them, run with checked parameters.
+"""Notebooks: made from percent scripts byte for byte, and taken back into them; `execution` runs them.
 
 `notebooks/src/NN_name.py` is edited, `notebooks/NN_name.ipynb` is made from it and committed without outputs; the same
 in `stress_tests/`.
@@ -6,11 +6,9 @@ in `stress_tests/`.
 
 import hashlib
 import json
-import logging
 import re
 from collections import Counter
 from pathlib import Path
-from typing import IO, Any
 
 import jupytext
 import nbformat
@@ -188,44 +186,3 @@ def take_back(name: str, root: Path = ROOT) -> Path:
     write_atomic(source, text)
     write_atomic(path, built)
     return source
-
-
-def run_notebook(notebook: Path, output: Path, parameters: dict[str, Any], progress: IO[str] | None = None) -> None:
-    """Run a notebook from its first cell to its last by papermill and keep the executed copy.
-
-    papermill only warns of a misspelt parameter and runs with the default, so names are compared first.
-
-    Args:
-        parameters: a value for each name in the cell tagged `parameters`, no more and no fewer.
-        progress: where the notebook's stderr (progress bars) goes while it runs.
-
-    Raises:
-        UnusableInput: no cell tagged `parameters`, or other names than its.
-        papermill.PapermillExecutionError: a cell raised; the executed copy shows where.
-    """
-    import papermill
-
-    known = papermill.inspect_notebook(str(notebook))
-    if not known:
-        raise UnusableInput(f"{notebook.name}: no cell is tagged 'parameters'")
-    wrong = sorted(set(parameters) ^ set(known))
-    if wrong:
-        problem = "unknown" if wrong[0] in parameters else "missing"
-        raise UnusableInput(f"{notebook.name}: {problem} parameter '{wrong[0]}'; known: {', '.join(sorted(known))}")
-    output.parent.mkdir(parents=True, exist_ok=True)
-    logging.getLogger("papermill").setLevel(logging.CRITICAL)  # what it has to say also comes as an exception
-    try:
-        papermill.execute_notebook(
-            str(notebook),
-            str(output),
-            parameters=parameters,
-            kernel_name="python3",
-            cwd=str(output.parent),
-            progress_bar=False,
-            stderr_file=progress,
-            shutdown_kernel="immediate",  # one that is asked to end is interrupted first, and prints that
-            extra_arguments=["--IPKernelApp.log_level=ERROR"],  # each kernel warns of TCP, which stays on this machine
-        )
-    except KeyboardInterrupt:
-        logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # the kernel died, as it should
-        raise

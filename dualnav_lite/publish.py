@@ -1,10 +1,12 @@
-"""Make the published rows anew: every arm of SPEC 8 on its number of test seeds, with what made them."""
+"""Make the published rows anew: every arm on its number of test seeds, with what made them, tables and a report."""
 
 import gzip
+import io
 import json
 import platform
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,12 +15,18 @@ import pandas as pd
 
 from dualnav_lite import __version__
 from dualnav_lite.cases import all_cases
-from dualnav_lite.chunks import code_sha256, sha256
+from dualnav_lite.chunks import Chunk, code_sha256, merged, plan_chunks, sha256
 from dualnav_lite.config import Config, UnusableInput, dump_config, write_atomic
 from dualnav_lite.episodes import SEEDS
 from dualnav_lite.evaluate import evaluate, library_arm
-from dualnav_lite.notebooks import ROOT
+from dualnav_lite.judge import TABLES, csv_text, judge
+from dualnav_lite.pace import seconds_per_step, steps_of
+from dualnav_lite.pages import write_report
 from dualnav_lite.reference import MADE_FROM, REFERENCE, ROWS
+from dualnav_lite.scenario import SCENARIO_FOLDER, load_scenario
+from dualnav_lite.survival import read_episodes
+
+ROOT = SCENARIO_FOLDER.parent.parent
 
 MAIN = ("ppo", "ppo_filter", "cv_sampling")  # and the best baseline
 REST = (
@@ -35,6 +43,7 @@ REST = (
 )
 LONG_REST = ("ceiling@max_speed=0.45", "astar@max_speed=0.5", "cv_sampling@max_speed=0.5", "stand_still", "straight")
 COUNTS = {"main": 1000, "rest": 200, "long_ppo": 100, "long_filter": 20, "long_rest": 3}
+MADE_OF = ("dualnav_lite", "models", "stress_tests/scenarios")
 EXTRA = ("navigation",)  # belongs to no case, and what the others are variations of
 
 
@@ -55,9 +64,10 @@ def blocks(share: float = 1.0) -> dict[str, tuple[Sequence[str], Sequence[str], 
 def publish(
     work: Path, to: Path = REFERENCE, share: float = 1.0, jobs: int = 1, only: Sequence[str] = (), command: str = ""
 ) -> pd.DataFrame:
-    """Run every block (or those of `only`) and write `episodes.csv.gz` and `episodes.json` into `to`.
+    """Run every block (or those of `only`) and write what is finished into `to`: rows, their origin, tables, a report.
 
-    Finished chunks in `work` are not run again. Arms whose package is missing here are left out and said so.
+    Finished chunks in `work` are not run again, and blocks that an earlier call finished with the same code, weights
+    and settings stand beside those of this one. Arms whose package is missing here are left out and said so.
 
     Raises:
         UnusableInput: an unknown block, a model that is missing, a folder that refuses.
@@ -66,26 +76,25 @@ def publish(
     unknown = sorted(set(only) - set(chosen))
     if unknown:
         raise UnusableInput(f"unknown block '{unknown[0]}'; known: {', '.join(chosen)}")
-    parts, prints, left_out = [], {}, {}
-    for name, (arms, scenarios, count) in chosen.items():
-        if only and name not in only:
-            continue
-        usable = []
-        for arm in arms:
-            try:
-                prints[arm] = getattr(library_arm(arm, Config()), "fingerprint", "")
-                usable.append(arm)
-            except UnusableInput as error:
-                if arm in MAIN:
-                    raise
-                left_out[arm] = str(error)
-                print(f"left out: {error}", file=sys.stderr, flush=True)
-        print(f"{name}: {count} seeds, {', '.join(usable)}", file=sys.stderr, flush=True)
-        first = SEEDS["test"].start
-        parts.append(evaluate(usable, scenarios, range(first, first + count), work / name, jobs=jobs))
-    texts = [(work / name / "episodes.csv").read_text(encoding="utf-8").split("\n", 1) for name in only or chosen]
-    rows = (texts[0][0] + "\n" + "".join(body for _, body in texts)).encode("utf-8")
-    write_atomic(to / ROWS, gzip.compress(rows, mtime=0))
+    prints, left_out = usable_arms(chosen)
+    plans = {
+        name: chunks_of(([arm for arm in arms if arm in prints], scenarios, count), prints, work / name)
+        for name, (arms, scenarios, count) in chosen.items()
+    }
+    asked = [name for name in chosen if not only or name in only]
+    print(time_left([chunk for name in asked for chunk in plans[name]], jobs), file=sys.stderr, flush=True)
+    for number, name in enumerate(asked, start=1):
+        arms, scenarios, count = chosen[name]
+        arms, begin = [arm for arm in arms if arm in prints], time.monotonic()
+        print(f"[{number}/{len(asked)}] {name}: {count} seeds, {', '.join(arms)}", file=sys.stderr, flush=True)
+        evaluate(arms, scenarios, published_seeds(count), work / name, jobs=jobs)
+        print(f"{name} done in {(time.monotonic() - begin) / 60:.0f} minutes", file=sys.stderr, flush=True)
+    finished = [name for name in chosen if all(chunk.is_done() for chunk in plans[name])]
+    missing = [name for name in chosen if name not in finished]
+    if missing:
+        print(f"not made yet: {', '.join(missing)}", file=sys.stderr, flush=True)
+    content = merged([chunk for name in finished for chunk in plans[name]])
+    rows = read_episodes(io.BytesIO(content))
     made = {
         "command": command,
         "commit": commit(),
@@ -94,22 +103,65 @@ def publish(
         "config_sha256": sha256(dump_config(Config())),
         "policy_sha256": prints,
         "left_out": left_out,
+        "blocks_missing": missing,
         "python": platform.python_version(),
         "machine": f"{platform.system()} {platform.machine()}",
         "cpu_flags": cpu_flags(),
         "config": Config().model_dump(mode="json"),
     }
+    write_atomic(to / ROWS, gzip.compress(content, mtime=0))
     write_atomic(to / MADE_FROM, json.dumps(made, indent=1, ensure_ascii=False) + "\n")
-    return pd.concat(parts, ignore_index=True)
+    origin = {key: made[key] for key in ("policy_sha256", "config_sha256")}
+    tables = judge(rows, rows[:0], {"measured": origin})
+    for name in (one for one in TABLES if one != "pareto_episodes"):  # megabytes; `claims` makes it from the rows
+        write_atomic(to / f"{name}.csv", csv_text(tables[name]))
+    write_report(to, tables, command, [], ("md",))
+    return rows
+
+
+def usable_arms(chosen) -> tuple[dict[str, str], dict[str, str]]:
+    """Weights' hash of each arm that can drive here, and why each of the others cannot."""
+    prints, left_out = {}, {}
+    for arm in dict.fromkeys(arm for arms, _, _ in chosen.values() for arm in arms):
+        try:
+            prints[arm] = getattr(library_arm(arm, Config()), "fingerprint", "")
+        except UnusableInput as error:
+            if arm in MAIN:
+                raise
+            left_out[arm] = str(error)
+            print(f"left out: {error}", file=sys.stderr, flush=True)
+    return prints, left_out
+
+
+def published_seeds(count: int) -> range:
+    """The first published test seeds."""
+    return range(SEEDS["test"].start, SEEDS["test"].start + count)
+
+
+def chunks_of(block, prints: dict[str, str], folder: Path) -> list[Chunk]:
+    """The chunks that `evaluate` makes of a block."""
+    arms, scenarios, count = block
+    loaded = [load_scenario(name) for name in scenarios]
+    return plan_chunks({arm: prints[arm] for arm in arms}, loaded, published_seeds(count), Config(), folder)
+
+
+def time_left(chunks: Sequence[Chunk], jobs: int) -> str:
+    """One line: how much of these chunks is there, and about how long the rest will take here."""
+    todo = [chunk for chunk in chunks if not chunk.is_done()]
+    pace = {arm: seconds_per_step(arm) for arm in dict.fromkeys(chunk.arm for chunk in todo)}
+    seconds = sum(len(chunk.seeds) * steps_of(chunk.scenario) * pace[chunk.arm] for chunk in todo)
+    done = f"{len(chunks) - len(todo)} of {len(chunks)} chunks are there"
+    return f"{done}; the rest: about {seconds / 3600 / jobs:.1f} hours on {jobs} processes"
 
 
 def commit() -> str:
-    """The checkout's commit, empty where there is none."""
+    """The checkout's commit, and whether what rows are made of was changed since; empty where there is none."""
     try:
         found = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return ""
-    return found.stdout.strip()
+    changed = subprocess.run(["git", "diff", "--quiet", "HEAD", "--", *MADE_OF], cwd=ROOT, check=False).returncode
+    return found.stdout.strip() + (" with changes" if changed else "")
 
 
 def cpu_flags() -> list[str]:

@@ -1,17 +1,22 @@
-"""Tables as text: for a terminal and Markdown alike, and as LaTeX with booktabs for a thesis."""
+"""Tables as text: for a terminal, as Markdown, and as LaTeX with booktabs for a thesis."""
 
-import platform
 from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from dualnav_lite import __version__
-from dualnav_lite.judge import BLIND, CEILING, FLOOR, PUBLISHED, beside_claim, bounds, is_kind
+from dualnav_lite.judge import PUBLISHED, beside_claim, bounds
 from dualnav_lite.scenario import all_scenarios
 
-HEADER = ("scenario", "arm", "survived", "rate", "95 %", "article", "best blind arm", "ceiling", "clearance", "energy")
+HEADER = (
+    "scenario", "arm", "survived", "rate", "95 %", "article", "floor", "best blind arm", "ceiling", "clearance",
+    "energy",
+)  # fmt: skip
 PAIRED_HEADER = ("scenario", "a", "b", "only a", "only b", "a - b", "95 %", "p (McNemar)")
-NUMBERS = ("survived", "rate", "95 %", "article", "ceiling", "clearance", "energy", "only a", "only b", "a - b")
+NUMBERS = (
+    "survived", "rate", "95 %", "article", "floor", "ceiling", "clearance", "energy", "only a", "only b", "a - b",
+    "p (McNemar)",
+)  # fmt: skip
+STANDS = {"beaten": "beaten", "missed": "missed", "open": "open", "met": "met so far"}
 
 
 def percent(share: float, digits: int = 1) -> str:
@@ -19,40 +24,106 @@ def percent(share: float, digits: int = 1) -> str:
     return "" if pd.isna(share) else f"{100 * share:.{digits}f} %"
 
 
-def survival_cells(table: pd.DataFrame, chosen: Sequence[str] | None = None) -> list[tuple[str, ...]]:
+def titles(language: str = "en") -> dict[str, str]:
+    """Name of each scenario by id, "en" or "zh"."""
+    return {name: one.title if language == "en" else one.title_zh for name, one in all_scenarios().items()}
+
+
+def rate_beside(row, digits: int = 0) -> str:
+    """A floor, blind arm's or ceiling's rate; empty where there is none."""
+    return "" if row is None else percent(row.survival_rate, digits)
+
+
+def energy_text(joules: float) -> str:
+    """Energy of a run in a unit that can be read.
+
+    >>> energy_text(236.4), energy_text(134_900), energy_text(float("nan"))
+    ('236 J', '134.9 kJ', '')
+    """
+    if pd.isna(joules):
+        return ""
+    return f"{joules / 1000:.1f} kJ" if joules > 10_000 else f"{joules:.0f} J"
+
+
+def measured_rows(table: pd.DataFrame, chosen: Sequence[str] | None = None) -> pd.DataFrame:
+    """Rows of a survival table to show: of these arms, or else those that were measured (all, where none was)."""
+    rows = table[table.source != PUBLISHED] if chosen is None else table[table.arm.isin(chosen)]
+    return table if rows.empty and chosen is None else rows
+
+
+def survival_cells(
+    table: pd.DataFrame, chosen: Sequence[str] | None = None, language: str = "en"
+) -> list[tuple[str, ...]]:
     """Cells under `HEADER`, one row per scenario and arm.
 
     Args:
         table: `survival.csv`, with the published rows, which the bounds are taken from.
-        chosen: arms to show; None for those that were measured (all, where none was).
+        chosen: as in `measured_rows`.
     """
-    titles = {name: scenario.title for name, scenario in all_scenarios().items()}
-    rows = table[table.source != PUBLISHED] if chosen is None else table[table.arm.isin(chosen)]
-    cells: list[tuple[str, ...]] = []
-    for row in (table if rows.empty and chosen is None else rows).itertuples():
+    names, cells = titles(language), []
+    for row in measured_rows(table, chosen).itertuples():
         beside = bounds(table, row.scenario)
-        blind, ceiling = beside.get("blind"), beside.get("ceiling")
+        blind = beside.get("blind")
         cells.append((
-            titles.get(row.scenario, row.scenario),
+            names.get(row.scenario, row.scenario),
             row.arm,
-            f"{row.survived} of {row.episodes}",
+            f"{row.survived} / {row.episodes}",
             percent(row.survival_rate),
-            f"{100 * row.wilson_low:.1f} to {100 * row.wilson_high:.1f}",
+            f"{100 * row.wilson_low:.1f} - {100 * row.wilson_high:.1f}",
             percent(row.article_claim, 0),
-            "" if blind is None else f"{percent(blind.survival_rate, 0)} {blind.arm.partition('@')[0]}",
-            "" if ceiling is None else percent(ceiling.survival_rate),
+            rate_beside(beside.get("floor")),
+            "" if blind is None else f"{rate_beside(blind)} {blind.arm.partition('@')[0]}",
+            rate_beside(beside.get("ceiling"), 1),
             f"{row.mean_min_clearance_m:.2f} m",
-            f"{row.mean_energy_j / 1000:.1f} kJ" if row.mean_energy_j > 10_000 else f"{row.mean_energy_j:.0f} J",
+            energy_text(row.mean_energy_j),
         ))  # fmt: skip
     return cells
 
 
-def paired_cells(table: pd.DataFrame) -> list[tuple[str, ...]]:
+def terminal_lines(table: pd.DataFrame, strict: pd.DataFrame | None = None) -> list[str]:
+    """Who survived, for a screen: a block a scenario, what its rates are read beside in the first line.
+
+    Args:
+        table, strict: `survival.csv` and, of three-hour runs without any contact, `survival_strict.csv`.
+    """
+    rows, names = measured_rows(table), titles()
+    width = max([len("arm"), *rows.arm.str.len()])
+    head = f"  {'arm':{width}}  {'survived':>12}  {'rate':>7}  {'95 % interval':>13}  {'clearance':>9}  {'energy':>8}"
+    lines = [f"{head}  article's rate is"]
+    for scenario, group in rows.groupby("scenario", sort=False):
+        beside, claim = bounds(table, scenario), group.article_claim.iloc[0]
+        blind = beside.get("blind")
+        said = [] if pd.isna(claim) else [f"article {percent(claim, 0)}"]
+        said += [f"floor {rate_beside(beside['floor'])}"] if "floor" in beside else []
+        said += [] if blind is None else [f"best blind arm {rate_beside(blind)} ({blind.arm.partition('@')[0]})"]
+        said += [f"ceiling {rate_beside(beside['ceiling'], 1)}"] if "ceiling" in beside else []
+        lines += ["", names.get(scenario, scenario) + (": " + ", ".join(said) if said else "")]
+        for row in group.itertuples():
+            interval = f"{100 * row.wilson_low:.1f} - {100 * row.wilson_high:.1f}"
+            lines.append(
+                f"  {row.arm:{width}}  {f'{row.survived} / {row.episodes}':>12}  {percent(row.survival_rate):>7}  "
+                f"{interval:>13}  {row.mean_min_clearance_m:>7.2f} m  {energy_text(row.mean_energy_j):>8}  "
+                f"{STANDS.get(stands(row), '')}".rstrip()
+            )
+        for row in () if strict is None else strict[strict.scenario == scenario].itertuples():
+            if row.source != PUBLISHED:
+                lines.append(f"  {row.arm:{width}}  {f'{row.survived} / {row.episodes}':>12}  without any contact")
+    told = "beaten, missed: the exact 95 % interval lies above, below the article's rate; open: it holds it"
+    return [*lines, "", told] if rows.article_claim.notna().any() else lines
+
+
+def stands(row) -> str:
+    """How a row stands to the article's rate, as `STANDS` names it; of 100 %, which cannot be beaten: "met"."""
+    found = beside_claim(row) or ""
+    return "met" if found == "open" and row.article_claim >= 1.0 else found
+
+
+def paired_cells(table: pd.DataFrame, language: str = "en") -> list[tuple[str, ...]]:
     """Cells under `PAIRED_HEADER`."""
-    titles = {name: scenario.title for name, scenario in all_scenarios().items()}
+    names = titles(language)
     return [
         (
-            titles.get(row.scenario, row.scenario),
+            names.get(row.scenario, row.scenario),
             row.arm_a,
             row.arm_b,
             str(row.only_a),
@@ -80,13 +151,21 @@ def markdown(header: Sequence[str], cells: Sequence[Sequence[str]]) -> list[str]
 
 
 def latex(header: Sequence[str], cells: Sequence[Sequence[str]], caption: str, label: str) -> str:
-    r"""A table for `\usepackage{booktabs}`."""
+    r"""A table as wide as the text; a first column that repeats is said once. Needs `booktabs` and `graphicx`."""
     columns = "".join("r" if name in NUMBERS else "l" for name in header)
-    lines = [r"\begin{table}", r"\centering", rf"\caption{{{escaped(caption)}}}", rf"\label{{tab:{label}}}"]
-    lines += [rf"\begin{{tabular}}{{{columns}}}", r"\toprule"]
+    lines = [r"% \usepackage{booktabs,graphicx}", r"\begin{table}", r"\centering", rf"\caption{{{escaped(caption)}}}"]
+    lines += [
+        rf"\label{{tab:{label}}}",
+        r"\resizebox{\textwidth}{!}{%",
+        rf"\begin{{tabular}}{{{columns}}}",
+        r"\toprule",
+    ]
     lines += [" & ".join(escaped(name) for name in header) + r" \\", r"\midrule"]
-    lines += [" & ".join(escaped(text) for text in row) + r" \\" for row in cells]
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table}", ""])
+    before = None
+    for first, *others in cells:
+        lines.append(" & ".join(escaped(text) for text in ("" if first == before else first, *others)) + r" \\")
+        before = first
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}}", r"\end{table}", ""])
 
 
 def escaped(text: str) -> str:
@@ -105,70 +184,31 @@ def survival_lines(table: pd.DataFrame, chosen: Sequence[str] | None = None) -> 
     return markdown(HEADER, survival_cells(table, chosen))
 
 
-def verdict_lines(table: pd.DataFrame) -> list[str]:
-    """A sentence for each measured row that the article makes a claim about."""
-    titles, lines = {name: scenario.title for name, scenario in all_scenarios().items()}, []
-    for row in table[table.source != PUBLISHED].itertuples():
-        stands = beside_claim(row)
-        if stands:
-            word = {"beaten": "is beaten", "missed": "is missed", "open": "is not beaten with certainty"}[stands]
-            if row.article_claim >= 1.0 and stands == "open":
-                word = "is met by these runs, which a longer series may end"
-            bounds = f"{percent(row.exact_low)} to {percent(row.exact_high)} (exact, 95 %)"
-            lines.append(
-                f"- {titles.get(row.scenario, row.scenario)}, `{row.arm}`: {row.survived} of {row.episodes}, {bounds}; "
-                f"the article's {percent(row.article_claim, 0)} {word}."
-            )
-    return lines
-
-
-def report(tables: Mapping[str, pd.DataFrame], command: str, failed: Sequence[tuple[str, str]]) -> str:
-    """A page with the verdicts and what is needed to read and to repeat them."""
-    table, strict = tables["survival"], tables["survival_strict"]
-    measured = table[table.source != PUBLISHED]
-    seeds = ", ".join(sorted({f"{row.seed_first} to {row.seed_last}" for row in measured.itertuples()}))
-    machine = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
-    others = [arm for arm in table[table.source == PUBLISHED].arm.unique()]
-    lines = ["# Stress test", "", f"`{command}`, kit {__version__}, {machine}. Seeds {seeds}; every arm runs the same."]
-    if failed:
-        lines += ["", "## Failed", "", *(f"- `{what}`: {reason}" for what, reason in failed)]
-    lines += ["", "## Who survives", "", *survival_lines(table), ""]
-    lines += [
-        "Survived: goal reached in time, no contact, charge left. Interval: Wilson, 95 %. `article` is what the",
-        "article claims for its own policy. Best blind arm: the best of those that know the goal's bearing and the",
-        f"clock alone ({', '.join(BLIND)});",
-        f"`{FLOOR}` is the floor, `{CEILING}` knows where everything is and how fast it moves. Clearance: mean",
-        "over runs of the least distance of the hull from anything solid; energy: mean of a run. `ppo` drives with the",
-        "guide's point on an A* path; of `ppo_filter` every command is also checked by the safety filter.",
-    ]
-    if not any(is_kind(arm, (*BLIND, CEILING, FLOOR)) for arm in table.arm):
-        lines += ["", "No published row has one of these seeds, so blind arms and ceiling are missing here."]
-    lines += ["", "## Against the article", "", *verdict_lines(table)]
-    if len(strict):
-        contacts = tables["episodes"].groupby(["scenario", "arm"]).contacts.sum()
-        lines += ["", "## Three hours, no contact allowed", ""]
-        lines += [
-            f"- `{row.arm}`: {row.survived} of {row.episodes} without any contact"
-            + (f", {contacts[row.scenario, row.arm]} contacts in all" if (row.scenario, row.arm) in contacts else "")
-            for row in strict.itertuples()
-        ]
-    lines += ["", "## On the same seeds", "", *markdown(PAIRED_HEADER, paired_cells(tables["paired"]))]
-    if others:
-        lines += ["", "## Published arms, joined by seed", "", *survival_lines(table, others)]
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def latex_tables(tables: Mapping[str, pd.DataFrame]) -> dict[str, str]:
-    """`survival.tex` and `paired.tex` by file name."""
+def text_tables(tables: Mapping[str, pd.DataFrame]) -> dict[str, str]:
+    """`survival` and `paired` as LaTeX and as Markdown, by file name."""
     runs = tables["survival"].episodes
     count = f"{runs.min()}" if runs.min() == runs.max() else f"{runs.min()} to {runs.max()}"
-    survival_caption = (
-        f"Survival with Wilson intervals, {count} runs a row; the article's claims are not measured here."
-    )
+    survived, pairs = survival_cells(tables["survival"]), paired_cells(tables["paired"])
+    survival_caption = f"Survival with Wilson intervals (95 %), {count} runs a row; the article's rates are its own."
     paired_caption = (
         "Arms on the same seeds: difference of rates in points with Newcombe's interval, exact McNemar test."
     )
     return {
-        "survival.tex": latex(HEADER, survival_cells(tables["survival"]), survival_caption, "survival"),
-        "paired.tex": latex(PAIRED_HEADER, paired_cells(tables["paired"]), paired_caption, "paired"),
+        "survival.tex": latex(HEADER, survived, survival_caption, "survival"),
+        "paired.tex": latex(PAIRED_HEADER, pairs, paired_caption, "paired"),
+        "survival.md": "\n".join(markdown(HEADER, survived)) + "\n",
+        "paired.md": "\n".join(markdown(PAIRED_HEADER, pairs)) + "\n",
+    }
+
+
+def frame_texts(name: str, frame: pd.DataFrame) -> dict[str, str]:
+    """Any table as `<name>.tex` and `<name>.md`, numbers to four digits."""
+    cells = [
+        tuple("" if pd.isna(value) else f"{value:.4g}" if isinstance(value, float) else str(value) for value in row)
+        for row in frame.itertuples(index=False)
+    ]
+    header = tuple(map(str, frame.columns))
+    return {
+        f"{name}.tex": latex(header, cells, name.replace("_", " "), name),
+        f"{name}.md": "\n".join(markdown(header, cells)) + "\n",
     }

@@ -13,13 +13,15 @@ from dualnav_lite.cases import all_cases, load_case
 from dualnav_lite.chunks import arm_name, plan_chunks
 from dualnav_lite.config import Config, UnknownName, UnusableInput, with_overrides, write_atomic
 from dualnav_lite.evaluate import evaluate, library_arm
+from dualnav_lite.execution import run_notebook
 from dualnav_lite.judge import judge_folder
-from dualnav_lite.notebooks import ROOT, run_notebook
+from dualnav_lite.pace import duration, seconds_of
+from dualnav_lite.pages import write_report
 from dualnav_lite.planners import ARMS
-from dualnav_lite.report import latex_tables, report
-from dualnav_lite.scenario import load_scenario
+from dualnav_lite.report import text_tables
+from dualnav_lite.scenario import SCENARIO_FOLDER, load_scenario
 
-FOLDER = ROOT / "stress_tests"
+FOLDER = SCENARIO_FOLDER.parent
 POLICY_ARMS = ("ppo", "ppo_filter")
 FAILED = "failed.csv"
 
@@ -34,6 +36,7 @@ class Plan:
         shard: "k/n" runs every n-th chunk from the k-th and judges nothing.
         cluster: address of a Dask scheduler, or empty.
         command: what a reader would type to get the same, for the report.
+        pace: processor time of a control step by arm [s], to say how long a case takes; empty if nobody measured it.
     """
 
     arms: Sequence[str]
@@ -48,6 +51,7 @@ class Plan:
     cluster: str = ""
     preference: float = 0.5
     overrides: dict[str, Any] = field(default_factory=dict)
+    pace: dict[str, float] = field(default_factory=dict)
 
     def parameters(self, name: str) -> dict[str, Any]:
         """What `case.ipynb` is given for a case: every name of its parameters cell."""
@@ -83,7 +87,7 @@ def shard_of(text: str) -> tuple[int, int]:
 
 def all_arms() -> list[str]:
     """Every arm that can drive here: the policy, its filtered twin, the planners, the ablations that were trained."""
-    from dualnav_lite.deploy import trained_ablations
+    from dualnav_lite.drivers import trained_ablations
 
     found = []
     for arm in (*POLICY_ARMS, *ARMS, *trained_ablations()):
@@ -178,6 +182,8 @@ def run_cases(plan: Plan) -> list[tuple[str, str]]:
             (plan.out / name / "episodes.csv").unlink(missing_ok=True)  # an earlier run's
             continue
         what = f"seeds {given['episodes']}, arms {', '.join(map(arm_name, given['arms']))}"
+        if plan.pace and not plan.cluster and shard_of(plan.shard)[1] == 1:
+            what += f"; {duration(seconds_of(given, plan.pace) / min(plan.jobs, given['episodes']))} or less"
         print(f"[{number}/{len(names)}] {name}: {what}", file=sys.stderr, flush=True)
         rows, reason = plan.out / name / "episodes.csv", ""
         try:
@@ -211,9 +217,9 @@ def error_rows(rows: pd.DataFrame) -> list[tuple[str, str]]:
 def run_stress(plan: Plan) -> tuple[dict[str, pd.DataFrame], list[tuple[str, str]]]:
     """Tables of the whole stress test, and what failed with its reason.
 
-    Writes the executed notebooks, the tables of `judge.judge`, figures, `failed.csv` and `report.md` to `plan.out`;
-    chunks that an earlier run with the same settings finished are not run again. A shard writes chunks alone, and its
-    tables are empty: `merge` has the last word.
+    Writes the executed notebooks, the tables of `judge.judge`, figures, `failed.csv` and the report (`pages`) to
+    `plan.out`; chunks that an earlier run with the same settings finished are not run again. A shard writes chunks
+    alone, and its tables are empty: `merge` has the last word.
 
     Raises:
         UnusableInput: an arm nobody knows, no case came to its end, or the folder refuses.
@@ -236,10 +242,27 @@ def run_stress(plan: Plan) -> tuple[dict[str, pd.DataFrame], list[tuple[str, str
         failed.append(("summary", _reason(error)))
     text = pd.DataFrame(failed, columns=["what", "reason"]).to_csv(index=False, lineterminator="\n")
     write_atomic(plan.out / FAILED, text)
-    for name, content in latex_tables(tables).items():
+    for name, content in text_tables(tables).items():
         write_atomic(plan.out / name, content)
-    write_atomic(plan.out / "report.md", report(tables, plan.command, failed))
+    draw_chinese(plan.out)
+    write_report(plan.out, tables, plan.command, failed)
     return tables, failed
+
+
+def draw_chinese(out: Path) -> None:
+    """The figures of the Chinese report that come from tables alone; a line where no Chinese font is installed."""
+    from dualnav_lite.figures.results import make_result_figures
+
+    try:
+        make_result_figures(out, "zh", ("svg",), [name for name in ("survival", "runs") if table_has_rows(out, name)])
+    except UnusableInput as error:
+        print(f"figures of the Chinese report are in English: {error}", file=sys.stderr, flush=True)
+
+
+def table_has_rows(out: Path, figure: str) -> bool:
+    """Whether a figure's table holds anything to draw."""
+    table = {"runs": "pareto_episodes"}.get(figure, figure)
+    return len(pd.read_csv(out / f"{table}.csv", encoding="utf-8")) > 0
 
 
 def merge_shards(folders: Sequence[Path], plan: Plan) -> tuple[dict[str, pd.DataFrame], list[tuple[str, str]]]:

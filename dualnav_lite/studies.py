@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from dualnav_lite.config import Frozen, UnusableInput, read_yaml, validated, write_atomic
 from dualnav_lite.curriculum import Training, resolved_config, runs_folder, scenarios_of
-from dualnav_lite.deploy import MODEL_FOLDER, EmbeddedPolicy
+from dualnav_lite.drivers import MODEL_FOLDER, EmbeddedPolicy
 from dualnav_lite.episodes import SEEDS
 from dualnav_lite.evaluate import evaluate
 from dualnav_lite.survival import survival

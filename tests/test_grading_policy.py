@@ -8,7 +8,7 @@ import pytest
 
 from dualnav_lite import pareto
 from dualnav_lite.config import UnusableInput
-from dualnav_lite.deploy import MODEL_FOLDER
+from dualnav_lite.drivers import MODEL_FOLDER
 from grading import wire
 from grading.adapters import ADAPTERS
 from grading.policy import Drives, PolicyEnded, RemotePolicy, judge_hypervolume, judge_survival

@@ -6,17 +6,22 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dualnav_lite import deploy
+from dualnav_lite import drivers
 from dualnav_lite.config import Config, UnusableInput
 from dualnav_lite.encoder import BANDS, read_bands
 from dualnav_lite.episodes import SEEDS
 from dualnav_lite.evaluate import library_arm
 from dualnav_lite.figures.beyond import BEYOND
 from dualnav_lite.figures.captions import CAPTIONS
+from dualnav_lite.figures.questions import METHODS
 from dualnav_lite.figures.results import RESULTS, make_result_figures
-from dualnav_lite.measures.adversary import PERTURBATIONS, Perturbed, failure_search, search
+from dualnav_lite.measures.adversary import PERTURBATIONS, Perturbed, search
+from dualnav_lite.measures.failures import FAILURE_COLUMNS, SETTINGS, failure_search
+from dualnav_lite.measures.intervention import COLUMNS as INTERVENTION_COLUMNS
 from dualnav_lite.measures.intervention import with_charge
+from dualnav_lite.measures.kept import all_kept, kept
 from dualnav_lite.measures.latency import LATENCY_COLUMNS, STAGES, first_answer
+from dualnav_lite.measures.perturb import FRONT_COLUMNS
 from dualnav_lite.measures.sweep import VALUES, knob
 from dualnav_lite.measures.tables import MEASURES, Options, run
 from dualnav_lite.publish import blocks, publish
@@ -108,6 +113,70 @@ def test_failures_are_searched_and_run_again_on_fresh_seeds(tmp_path):
     assert (table.failures <= table.episodes).all()
     assert (table.fresh_episodes == 10).all()
     assert table.default_failures_on_fresh.iloc[0] >= 8  # `straight` crosses no crowd
+    assert (table.exact_low <= table.fresh_survival_rate).all()
+    with pytest.raises(UnusableInput, match=f"no settings of 'low_light' are searched; known: {', '.join(SETTINGS)}"):
+        failure_search(options(tmp_path, arms=["straight"], scenarios=["low_light"]))
+
+
+def test_commands_are_searched_driven_and_the_gain_has_an_interval(tmp_path, monkeypatch):
+    from dualnav_lite.measures import perturb
+
+    for name, little in (("EACH", 2), ("WEIGHTS", (0.5,))):
+        monkeypatch.setattr(perturb, name, little)
+    tables = run("perturb", options(tmp_path, arms=["astar"], scenarios=["pop_up"], episodes=10))
+    points, gain = tables["perturbed_front"], tables["perturbed_gain"]
+    assert points.groupby("method").size().to_dict() == {"evolution": 5, "none": 1, "random": 5}
+    assert points[points.pareto_optimal].fresh_hypervolume.notna().all()
+    assert (gain.low <= gain.high).all()
+    by_method = points[points.pareto_optimal].groupby("method").fresh_hypervolume.first()
+    assert gain.set_index("question").difference["evolution_minus_random"] == pytest.approx(
+        by_method["evolution"] - by_method["random"]
+    )
+    assert (tmp_path / "perturbed_gain.tex").exists()
+
+
+def test_a_measurement_that_was_stopped_goes_on_and_gives_the_same(tmp_path, monkeypatch):
+    made = []
+
+    def part(name, stops=False):
+        made.append(name)
+        if stops:
+            raise KeyboardInterrupt
+        return pd.DataFrame({"name": [name], "value": [0.1 + len(name) / 3]})
+
+    def tasks(stops):
+        return {name: ([name], lambda name=name: part(name, stops and name == "b")) for name in ("a", "b", "c")}
+
+    with pytest.raises(KeyboardInterrupt):
+        all_kept(tmp_path, tasks(True), 1)
+    table = all_kept(tmp_path, tasks(False), 1)
+    assert made == ["a", "b", "b", "c"]
+    assert table.value.tolist() == [0.1 + 1 / 3] * 3
+    assert all_kept(tmp_path, tasks(False), 1).equals(table)
+    assert len(made) == 4
+    kept(tmp_path, "a", ["other"], lambda: part("aa"))  # other settings are another part
+    assert made[-1] == "aa"
+
+
+@pytest.mark.parametrize("name", ["intervention", "latency", "battery_trace"])
+def test_no_episode_of_a_measurement_is_driven_twice(tmp_path, monkeypatch, name):
+    from dualnav_lite.measures import adversary, battery_hours, intervention
+    from dualnav_lite.measures import latency as latency_module
+
+    given = {"arms": ["ppo"], "scenarios": ["crowd_crossing"], "episodes": 1}
+    first = run(name, options(tmp_path, **given))
+
+    def twice(*given, **named):
+        raise AssertionError("driven twice")
+
+    for module, function in (
+        (intervention, "of_scenario"), (latency_module, "first_answer"), (battery_hours, "drive"),
+        (adversary, "run_episodes"),
+    ):  # fmt: skip
+        monkeypatch.setattr(module, function, twice)
+    again = run(name, options(tmp_path, **given))
+    for table in set(first) - {"latency"}:  # wall-clock
+        pd.testing.assert_frame_equal(first[table], again[table])
 
 
 def test_an_unknown_measurement_is_named_with_the_known_ones(tmp_path):
@@ -116,29 +185,40 @@ def test_an_unknown_measurement_is_named_with_the_known_ones(tmp_path):
 
 
 def test_ablations_need_the_default_that_they_are_held_against(tmp_path, monkeypatch):
-    monkeypatch.setattr(deploy, "MODEL_FOLDER", tmp_path)
+    monkeypatch.setattr(drivers, "MODEL_FOLDER", tmp_path)
     with pytest.raises(UnusableInput, match="ablation_default"):
         run("ablations", options(tmp_path))
 
 
-def test_published_rows_come_back_with_what_made_them(tmp_path, monkeypatch):
+def test_published_rows_come_back_with_what_made_them(tmp_path, monkeypatch, capsys):
     from dualnav_lite import publish as module
 
     small = {"main": (["straight"], ["pop_up"], 2), "rest": (["stand_still"], ["pop_up"], 1)}
     monkeypatch.setattr(module, "blocks", lambda share: small)
-    rows = publish(tmp_path / "work", tmp_path / "to", command="a command")
+    work, to = tmp_path / "work", tmp_path / "to"
+    rows = publish(work, to, only=["main"], command="a command")
+    said = capsys.readouterr().err
+    assert "0 of 1 chunks are there; the rest: about 0.0 hours on 1 processes" in said
+    assert "not made yet: rest" in said
+    assert len(rows) == 2
+    assert made_from(to)["blocks_missing"] == ["rest"]
+    rows = publish(work, to, only=["rest"], command="a command")  # what an earlier call finished stays
     assert len(rows) == 3
-    again = published_rows(tmp_path / "to")
+    again = published_rows(to)
     pd.testing.assert_frame_equal(again, rows, check_dtype=False)
-    made = made_from(tmp_path / "to")
-    assert made["command"] == "a command"
+    made = made_from(to)
+    assert (made["command"], made["blocks_missing"]) == ("a command", [])
     assert set(made) >= {"commit", "config", "cpu_flags", "policy_sha256", "code_sha256"}
-    first = (tmp_path / "to" / "episodes.csv.gz").read_bytes()
-    publish(tmp_path / "work", tmp_path / "to", command="a command")
-    assert (tmp_path / "to" / "episodes.csv.gz").read_bytes() == first
+    first = (to / "episodes.csv.gz").read_bytes()
+    monkeypatch.setattr(module, "evaluate", lambda *given, **named: None)  # everything is there
+    publish(work, to, command="a command")
+    assert "2 of 2 chunks are there" in capsys.readouterr().err
+    assert (to / "episodes.csv.gz").read_bytes() == first
     assert gzip.decompress(first).startswith(b"scenario,arm,")
+    assert pd.read_csv(to / "survival.csv").arm.tolist() == ["stand_still", "straight"]
+    assert "`a command`" in (to / "report.md").read_text(encoding="utf-8")
     with pytest.raises(UnusableInput, match="unknown block"):
-        publish(tmp_path / "work", tmp_path / "to", only=["all"])
+        publish(work, to, only=["all"])
     assert {name: count for name, (_, _, count) in blocks().items()}["main"] == 1000
 
 
@@ -186,6 +266,22 @@ def tables(tmp_path_factory):
         "pareto_episodes": pareto_episodes(main),
         "latency": pd.DataFrame([[stage, 0.1, 0.2, 0.4, 9] for stage in STAGES], columns=LATENCY_COLUMNS),
         "response_ticks": pd.DataFrame({"ticks": [1, 2, 2, 8, np.nan]}),
+        "intervention": pd.DataFrame(
+            [["pop_up", measure, 1.0, 1.1, -0.1, -0.2, 0.0, 9] for measure in ("survived", "energy of a run [J]")],
+            columns=INTERVENTION_COLUMNS,
+        ),
+        "perturbed_front": pd.DataFrame(
+            [
+                ["pop_up", m, 0.5, 1, 0, 1, x, 900 * x, 0.9, 10, True, x, 950 * x, 1.0]
+                for m in METHODS
+                for x in (0.2, 0.3)
+            ],
+            columns=FRONT_COLUMNS,
+        ),
+        "failure_search": pd.DataFrame(
+            [["pop_up", m, 50, 9, 0.18, "x 1", 0.4, 20, 6, 1, 0.7, 0.5, 0.9] for m in ("evolution", "random")],
+            columns=FAILURE_COLUMNS,
+        ),
         "battery_trace": pd.DataFrame({"arm": "ppo", "time_s": [0, 10800], "battery": [1, 0.2], "goals": [0, 540]}),
     }
     for name, table in made.items():

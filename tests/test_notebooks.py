@@ -7,7 +7,7 @@ import time
 import nbformat
 import pytest
 
-from dualnav_lite import notebooks
+from dualnav_lite import execution, notebooks
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.doctor import LESSON_SPEED, control_speed
 
@@ -156,19 +156,19 @@ def test_taking_back_a_broken_notebook_is_refused_and_the_source_stays(kit):
 )
 def test_papermill_gets_no_misspelt_and_no_missing_parameter(kit, tmp_path, parameters, word):
     with pytest.raises(UnusableInput, match=word):
-        notebooks.run_notebook(notebooks.pairs(kit)[0][1], tmp_path / "out.ipynb", parameters)
+        execution.run_notebook(notebooks.pairs(kit)[0][1], tmp_path / "out.ipynb", parameters)
 
 
 def test_a_notebook_without_a_parameters_cell_is_refused(kit, tmp_path):
     path = kit / "notebooks" / "02_plain.ipynb"
     path.write_text(notebooks.to_notebook("# %%\nseed = 1\n"), encoding="utf-8")
     with pytest.raises(UnusableInput, match="parameters"):
-        notebooks.run_notebook(path, tmp_path / "out.ipynb", {"seed": 2})
+        execution.run_notebook(path, tmp_path / "out.ipynb", {"seed": 2})
 
 
 def test_papermill_runs_a_notebook_with_the_value_it_was_given(kit):
     out = kit / "results" / "done.ipynb"
-    notebooks.run_notebook(notebooks.pairs(kit)[0][1], out, {"seed": 41})
+    execution.run_notebook(notebooks.pairs(kit)[0][1], out, {"seed": 41})
     assert (out.parent / "answer.txt").read_text(encoding="utf-8") == "42"
 
 
@@ -230,7 +230,7 @@ def hold_expectations(executed, pattern):
 
 @pytest.mark.parametrize("lesson", LESSONS, ids=lambda path: path.stem)
 def test_every_lesson_runs_in_its_short_mode_and_prints_what_it_tells_to_expect(lesson, tmp_path):
-    notebooks.run_notebook(lesson, tmp_path / lesson.name, {"quick": True})
+    execution.run_notebook(lesson, tmp_path / lesson.name, {"quick": True})
     hold_expectations(tmp_path / lesson.name, r"^# expect: (.+)$")
 
 
@@ -248,7 +248,7 @@ def test_every_lesson_takes_at_most_three_times_the_seconds_it_states(lesson, tm
 
     slowness = LESSON_SPEED / control_speed(clock=time.process_time)
     before = spent()
-    notebooks.run_notebook(lesson, tmp_path / lesson.name, {"quick": False})
+    execution.run_notebook(lesson, tmp_path / lesson.name, {"quick": False})
     taken, stated = spent() - before, int(SECONDS.search(head_of(lesson).replace("\n", " "))[1])
     assert 0.5 < taken < 3.0 * stated * slowness, f"{taken:.0f} s of CPU, stated {stated} s, machine x {slowness:.2f}"
     hold_expectations(tmp_path / lesson.name, r"^# expect(?: in full)?: (.+)$")

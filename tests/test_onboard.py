@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dualnav_lite.beyond import onboard
-from dualnav_lite.deploy import MODEL_FOLDER
+from dualnav_lite.drivers import MODEL_FOLDER
 
 ALLOWED = {"numpy", "cv2", "numba", "onnxruntime", "dualnav_lite"}
 needs_model = pytest.mark.skipif(not (MODEL_FOLDER / "ppo_actor.onnx").exists(), reason="no policy is shipped")

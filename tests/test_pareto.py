@@ -1,11 +1,13 @@
 """Fronts against points counted by hand; rows to tables against rows counted by hand."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from dualnav_lite import pages
 from dualnav_lite.commands.suite import show_stress
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.episodes import COLUMNS
@@ -13,7 +15,7 @@ from dualnav_lite.judge import beside_claim, bounds, judge
 from dualnav_lite.metrics import bootstrap_rate
 from dualnav_lite.pareto import front, hypervolume, on_front, pareto, pareto_episodes, reference_point, safe_distance
 from dualnav_lite.reference import joined, published_rows
-from dualnav_lite.report import latex, markdown, report, survival_lines, verdict_lines
+from dualnav_lite.report import HEADER, PAIRED_HEADER, frame_texts, latex, markdown, survival_lines, terminal_lines
 from dualnav_lite.survival import rows_of
 
 
@@ -170,18 +172,44 @@ def test_a_claim_is_beaten_or_missed_only_with_certainty():
     assert beside_claim(row(9, 10, np.nan)) is None
 
 
-def test_the_report_names_bounds_claims_failures_and_published_arms():
+def test_the_report_names_bounds_claims_failures_and_published_arms_in_two_languages(tmp_path):
     tables = judge(MEASURED, PUBLISHED)
-    text = report(tables, "a command", [("low_light", "RuntimeError: dark")])
+    paths = pages.write_report(tmp_path, tables, "a command", [("low_light", "RuntimeError: <dark>")])
+    assert [path.name for path in paths] == ["report.md", "report.html", "report.zh.md", "report.zh.html"]
+    english, page, chinese, chinese_page = (path.read_text(encoding="utf-8") for path in paths)
     for part in (
-        "`low_light`: RuntimeError: dark",
+        "`low_light`: RuntimeError: <dark>",
         "20 % crawl",
         "92 %",
         "published arms",
         "2 contacts in all",
+        "of 10 of these seeds",
     ):
-        assert part.lower() in text.lower(), part
+        assert part.lower() in english.lower(), part
+    assert "RuntimeError: &lt;dark&gt;" in page
+    assert "prefers-color-scheme:dark" in page
+    for text in (chinese, chinese_page):
+        assert "突现障碍" in text
+        assert "最好的盲驾方案" in text
+        assert not re.search(r"\b(survived|clearance|beaten|furniture)\b", text.partition("`a command`")[2])
     assert len(survival_lines(tables["survival"])) == 2 + 3
+
+
+def test_both_languages_of_the_report_have_the_same_texts_with_the_same_gaps():
+    english, chinese = pages.TEXTS["en"], pages.TEXTS["zh"]
+    assert list(english) == list(chinese)
+    for name, text in english.items():
+        assert set(re.findall(r"{\w+}", text)) == set(re.findall(r"{\w+}", chinese[name])), name
+    assert {*HEADER, *PAIRED_HEADER} - {"a", "b", "a - b"} == set(pages.HEADS)
+
+
+def test_the_screen_shows_what_a_rate_is_read_beside_in_a_hundred_columns():
+    tables = judge(MEASURED, PUBLISHED)
+    lines = terminal_lines(tables["survival"], tables["survival_strict"])
+    assert "Pop-up obstacle: article 92 %, best blind arm 20 % (crawl), ceiling 100.0 %" in lines
+    assert any(line.split()[:5] == ["ppo", "9", "/", "10", "90.0"] and line.endswith("open") for line in lines)
+    assert any(line.endswith("without any contact") for line in lines)
+    assert max(map(len, lines)) <= 100
 
 
 @pytest.mark.parametrize(
@@ -189,16 +217,20 @@ def test_the_report_names_bounds_claims_failures_and_published_arms():
 )
 def test_the_report_tells_a_claim_that_is_missed_from_one_left_open(survived, word):
     wins = [("pop_up", "ppo", s, "goal" if s < survived else "timeout") for s in range(50)]
-    table = judge(rows(*wins), published_rows())["survival"].assign(article_claim=0.92)
-    (line, *_) = verdict_lines(table)
-    assert line.endswith(f"the article's 92 % {word}.")
+    tables = judge(rows(*wins), published_rows())
+    tables["survival"]["article_claim"] = 0.92
+    text = pages.as_markdown(pages.blocks(tables, "", []), "en")
+    assert f"the article's 92 % {word}." in text
 
 
 def test_a_claim_of_all_is_met_and_not_beaten():
     wins = [("pop_up", "ppo", s, "goal") for s in range(50)]
-    table = judge(rows(*wins), published_rows())["survival"].assign(article_claim=1.0)
-    (line, *_) = verdict_lines(table)
-    assert "the article's 100 % is met by these runs" in line
+    tables = judge(rows(*wins), published_rows())
+    tables["survival"]["article_claim"] = 1.0
+    text = pages.as_markdown(pages.blocks(tables, "", []), "en")
+    assert "the article's 100 % is met by these runs" in text
+    assert "beats 0 with certainty" in text
+    assert any(line.endswith("met so far") for line in terminal_lines(tables["survival"]))
 
 
 def test_tables_as_text_keep_columns_in_line_and_print_in_latex_as_they_are():
@@ -208,6 +240,11 @@ def test_tables_as_text_keep_columns_in_line_and_print_in_latex_as_they_are():
     text = latex(("arm", "rate"), [("a_b", "9 %")], "50 % & more", "x")
     assert r"a\_b & 9 \% \\" in text
     assert r"\caption{50 \% \& more}" in text
+    assert text.count("{") == text.count("}")
+    twice = latex(("scenario", "rate"), [("pop_up", "1"), ("pop_up", "2"), ("b", "3")], "", "x")
+    assert twice.count(r"pop\_up") == 1
+    assert set(frame_texts("front", pd.DataFrame({"arm": ["a"], "share": [0.123456]}))) == {"front.tex", "front.md"}
+    assert "0.1235" in frame_texts("front", pd.DataFrame({"arm": ["a"], "share": [0.123456]}))["front.md"]
     assert text.index(r"\toprule") < text.index(r"\midrule") < text.index(r"\bottomrule")
 
 
@@ -216,4 +253,4 @@ def test_a_policy_that_misses_the_article_s_rate_ends_the_command_with_one(arm, 
     wins = [("pop_up", arm, s, "goal" if s < survived else "timeout") for s in range(50)]
     plan = SimpleNamespace(out="results", shard="1/1")
     assert show_stress(plan, judge(rows(*wins), published_rows()), []) == code
-    assert "the article's 92 %" in capsys.readouterr().out
+    assert "article 92 %" in capsys.readouterr().out

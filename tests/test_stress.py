@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dualnav_lite import deploy, judge, stress, traces
+from dualnav_lite import drivers, judge, stress, traces
 from dualnav_lite.cases import all_cases
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.episodes import SEEDS
@@ -136,7 +136,7 @@ def test_episodes_that_raise_are_reported_and_fail_the_run(monkeypatch, tmp_path
 
 
 def test_corrupt_weights_cost_one_arm_and_a_missing_model_or_name_is_refused_at_once(monkeypatch, tmp_path):
-    monkeypatch.setattr(deploy, "MODEL_FOLDER", tmp_path)
+    monkeypatch.setattr(drivers, "MODEL_FOLDER", tmp_path)
     with pytest.raises(UnusableInput, match="no such model"):
         stress.broken_arms(["ppo"])
     with pytest.raises(UnusableInput, match="unknown arm 'nobody'"):
@@ -163,7 +163,7 @@ def test_a_policy_of_another_shape_is_one_arm_s_failure(tmp_path):
     path = tmp_path / "foreign.onnx"
     path.write_bytes(model.SerializeToString())
     assert "not an exported policy" in stress.broken_arms([str(path)])[str(path)]
-    shipped = onnx.load(deploy.MODEL_FOLDER / "ppo_actor.onnx")
+    shipped = onnx.load(drivers.MODEL_FOLDER / "ppo_actor.onnx")
     model.metadata_props.extend(shipped.metadata_props)  # with the card of another network it is found out by driving
     model.ir_version = shipped.ir_version
     path.write_bytes(model.SerializeToString())
@@ -247,9 +247,12 @@ def test_a_picture_is_drawn_with_the_policy_at_the_wheel():
     assert view.std() > 10
 
 
-def test_an_estimate_names_hours_and_the_dearest_arm(tmp_path):
-    from dualnav_lite.pace import estimate
+def test_an_estimate_names_hours_and_the_dearest_arm_before_anything_runs(tmp_path):
+    from dualnav_lite.pace import estimate, paces
 
-    line = estimate(a_plan(tmp_path, arms=["straight", "cv_sampling"], long_arms=["straight"]))
-    assert "2 arms: about" in line
-    assert "hours of processor time" in line
+    assert set(paces(["straight", "no_such.onnx"])) == {"straight"}
+    plan = a_plan(tmp_path, arms=["straight", "cv_sampling"], long_arms=["straight"], episodes=1000, jobs=2)
+    line = estimate(plan, {"straight": 1e-4, "cv_sampling": 3e-3})
+    # 8 short scenarios x 1000 x 150 steps: 120 s and 3600 s; 108,000 steps of the long one: 10.8 s.
+    assert line.startswith("2 arms: about 32 minutes on 2 processes")
+    assert "1.0 hours of processor time; cv_sampling 96%" in line

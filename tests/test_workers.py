@@ -30,7 +30,8 @@ def whole(tmp_path_factory):
     return run(tmp_path_factory.mktemp("whole")).read_bytes()
 
 
-def test_two_processes_and_three_shards_give_the_same_bytes(whole, tmp_path):
+def test_two_processes_and_three_shards_give_the_same_bytes(whole, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.modules["dualnav_lite.evaluate"], "LITTLE", 0)  # else so few are run without processes
     assert run(tmp_path / "two", jobs=2).read_bytes() == whole
     for k in (3, 1, 2):
         path = run(tmp_path / "shards", shard=(k, 3))
@@ -92,3 +93,33 @@ def test_a_cluster_that_is_not_there_is_one_clear_line():
     pytest.importorskip("distributed")
     with pytest.raises(UnusableInput, match="nobody answers"), pool(cluster="tcp://127.0.0.1:9"):
         pass
+
+
+def test_few_episodes_are_run_where_they_are_and_one_long_run_by_one_process():
+    from dualnav_lite.chunks import Chunk
+    from dualnav_lite.evaluate import LITTLE, _workers_worth
+    from dualnav_lite.scenario import load_scenario
+
+    def chunks(count, seeds, scenario="pop_up"):
+        return [Chunk(load_scenario(scenario), "ppo", tuple(range(seeds)), None)] * count
+
+    assert _workers_worth(chunks(4, 5), 2) == 1
+    assert _workers_worth(chunks(4, LITTLE), 2) == 2
+    assert _workers_worth(chunks(1, 5, "battery"), 2) == 1
+    assert _workers_worth(chunks(2, 5, "battery"), 8) == 2
+    assert _workers_worth([], 2) == 1
+
+
+def test_driving_an_evaluation_imports_nothing_that_its_chunks_do_not_know_nor_torch():
+    code = (
+        "import sys, dualnav_lite.evaluate as e; from dualnav_lite.config import Config; from pathlib import Path\n"
+        "from dualnav_lite import chunks\n"
+        "for arm in ('ppo_filter', 'cv_sampling', 'ceiling'): e.library_arm(arm, Config())\n"
+        "names = {name.split('.')[1] for name in sys.modules if name.startswith('dualnav_lite.')}\n"
+        "above = {Path(name).stem for name in chunks.ABOVE_ROWS}\n"
+        "root = Path(chunks.__file__).parent\n"
+        "missing = [name for name in chunks.ABOVE_ROWS if not (root / name).exists()]\n"
+        "print(sorted(names & above), missing, 'torch' in sys.modules, 'jupytext' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[] [] False False"

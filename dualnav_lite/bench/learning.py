@@ -11,7 +11,7 @@ from dualnav_lite.bench import peers
 from dualnav_lite.bench.rows import NOT_INSTALLED, Row
 from dualnav_lite.config import Config, UnusableInput
 from dualnav_lite.curriculum import Training, load_training
-from dualnav_lite.deploy import MODEL_FOLDER, EmbeddedPolicy
+from dualnav_lite.drivers import MODEL_FOLDER, EmbeddedPolicy
 from dualnav_lite.encoder import Ego, encode_state
 from dualnav_lite.env import DynamicNavEnv
 from dualnav_lite.tracking import constant_velocity

@@ -22,7 +22,7 @@ from dualnav_lite.beyond.crowdnav import (
     run_holonomic,
 )
 from dualnav_lite.config import Config
-from dualnav_lite.deploy import make_driver
+from dualnav_lite.drivers import make_driver
 from dualnav_lite.interface import split_infos
 from dualnav_lite.metrics import exact_interval, wilson_interval
 from dualnav_lite.perception import Perception
@@ -118,7 +118,7 @@ def drive_cases(arm: str, cases: list[Case], config: Config, walls_m=None, prefe
     """Let a lidar arm of this kit drive some cases to their end.
 
     Args:
-        arm: as in `deploy.make_driver`.
+        arm: as in `drivers.make_driver`.
         cases: with equally many people each.
         config: of the robot and its senses.
         walls_m: as in `CrowdWorlds`.
@@ -164,7 +164,7 @@ def crowdnav_table(
 
     Args:
         people: how many, a block of rows each.
-        arms: of this kit, as in `deploy.make_driver`.
+        arms: of this kit, as in `drivers.make_driver`.
         walled: arms that also run with walls around, to see whether the open plane is what they fail at.
         cases: test cases, from the first.
         config: of the robot; the defaults if None.

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from dualnav_lite.command_reader import CommandReader
 from dualnav_lite.config import Config, UnusableInput
-from dualnav_lite.deploy import make_driver
+from dualnav_lite.drivers import make_driver
 from dualnav_lite.episodes import SEEDS
 from dualnav_lite.fleet import CrossTerm, FleetWorlds, draw_layout
 from dualnav_lite.interface import split_infos
@@ -56,7 +56,7 @@ class ConsiderateDriver:
     """A policy whose commands are weighed by the cross-agent term while a neighbour is in radio range.
 
     Args:
-        arm: a policy that speaks in probabilities of a grid of commands, as in `deploy.make_driver`.
+        arm: a policy that speaks in probabilities of a grid of commands, as in `drivers.make_driver`.
         config: of the robots.
         weight: of the term; 0 is the policy as it is.
     """

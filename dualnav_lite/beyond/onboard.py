@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 from dualnav_lite.config import Config, UnusableInput, write_atomic
-from dualnav_lite.deploy import MODEL_FOLDER, EmbeddedPolicy
+from dualnav_lite.drivers import MODEL_FOLDER, EmbeddedPolicy
 from dualnav_lite.env import DynamicNavVectorEnv
 
 PACKAGE = Path(__file__).resolve().parent.parent

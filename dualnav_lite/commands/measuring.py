@@ -78,7 +78,7 @@ def publish(
     only: Annotated[str, typer.Option(help="Blocks: main, rest, long_ppo, long_filter, long_rest.")] = "",
     jobs: Jobs = CORES,
 ) -> int:
-    """The published rows of every arm on the test seeds, again: hours."""
+    """The published rows of every arm on the test seeds, again: hours, said before it starts. Stopped, it goes on."""
     from dualnav_lite.publish import publish as run_publish
     from dualnav_lite.reference import REFERENCE
 

@@ -1,6 +1,7 @@
 """The stress suite: run it, and bring its shards together."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -41,7 +42,7 @@ def stress_plan(arms, episodes, long_runs, quick, seed_base, jobs, shard, cluste
 def show_stress(plan, tables, failed) -> int:
     """Print who survived, what failed and where the rest is; 1 where something failed or missed the article's rate."""
     from dualnav_lite.judge import PUBLISHED, beside_claim
-    from dualnav_lite.report import survival_lines, verdict_lines
+    from dualnav_lite.report import terminal_lines
     from dualnav_lite.stress import POLICY_ARMS
 
     missed = False
@@ -49,8 +50,8 @@ def show_stress(plan, tables, failed) -> int:
         survival = tables["survival"]
         measured = survival[(survival.source != PUBLISHED) & survival.arm.isin(POLICY_ARMS)]
         missed = any(beside_claim(row) == "missed" for row in measured.itertuples())
-        print("\n".join([*survival_lines(survival), "", *verdict_lines(survival)]))
-        print(f"\nreport, tables, figures and executed notebooks: {plan.out}")
+        print("\n".join(terminal_lines(survival, tables["survival_strict"])))
+        print(f"\nreport.html (report.zh.html), tables, figures and executed notebooks: {plan.out}")
     else:
         print(f"shard {plan.shard} is done: bring the shards' folders together by `merge`")
     for what, reason in failed:
@@ -75,7 +76,7 @@ def stress(
     out: Results = None,
 ) -> int:
     """The stress scenarios through papermill; prints who survived. Stopped, the same command goes on."""
-    from dualnav_lite.pace import estimate
+    from dualnav_lite.pace import estimate, paces
     from dualnav_lite.stress import run_stress
 
     chosen: str | list[str] = arms
@@ -84,8 +85,10 @@ def stress(
 
         chosen = arms_with_parts(parts, words(arms) if arms else [])
     plan = stress_plan(chosen, episodes, long_runs, quick, seed_base, jobs, shard, cluster, preference, out)
-    if arms == "all":
-        print(estimate(plan), file=sys.stderr, flush=True)
+    pace = paces([*plan.arms, *plan.long_arms])
+    if pace:
+        plan = replace(plan, pace=pace)
+        print(estimate(plan, pace), file=sys.stderr, flush=True)
     return show_stress(plan, *run_stress(plan))
 
 

@@ -37,6 +37,24 @@ CAPTIONS = {
         "Ablations, trained alike, beside the default (square): survival with Wilson intervals, 95 %.",
         "消融实验：相同训练预算，与默认设置（方块）对照；存活率与 95 % Wilson 区间。",
     ),
+    "intervention": (
+        "What the battery band does: 15 % minus 100 % of charge, 95 % intervals. Commands are those for the same states with only "
+        "the band changed; the other measures are of whole runs of the same seeds that begin with either charge.",
+        "电量条带的作用：15 % 减 100 % 电量之差与 95 % 区间。指令为相同状态下仅改变条带时的输出；其余为相同种子、以两种电量开始的完整"
+        "运行。",
+    ),
+    "perturbed": (
+        "Commands of the policy changed within bounds (speed factor 0.7 to 1.15, shift 0.05 m/s, turn factor 0.85 to 1.15) and "
+        "driven in the simulator. Left: every point that a method tried, large on its own front. Right: those of the fronts on "
+        "seeds that no search saw.",
+        "在限度内改变策略的指令（速度系数 0.7 至 1.15，偏移 0.05 m/s，转向系数 0.85 至 1.15）并在仿真中执行。左：各方法尝试过的所有点，"
+        "大点位于其自身前沿。右：前沿上的点在未参与搜索的种子上的结果。",
+    ),
+    "failures": (
+        "Search for settings of a scenario in which the policy fails. Black: the scenario as it is. Yellow: all episodes of a "
+        "search. Red: the worst settings that it found, on seeds that it did not see. Wilson intervals, 95 %.",
+        "搜索使策略失败的场景参数。黑：原场景。黄：一次搜索的全部运行。红：所找到的最坏参数在未见种子上的结果。95 % Wilson 区间。",
+    ),
     "trajectories": (
         "Paths of three arms through the same rooms, which are drawn as they stand when the policy arrives. Crosses end in a contact; the dashed frame is what the policy sees last.",
         "三个方案在相同房间中的轨迹；房间按策略到达时的状态绘制。叉号表示以碰撞结束；虚线框为策略最后看到的范围。",

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from dualnav_lite.config import UnusableInput, write_atomic
-from dualnav_lite.figures import FORMATS, LANGUAGES, _check, _save, runs, style_of
+from dualnav_lite.figures import FORMATS, LANGUAGES, _check, _save, questions, runs, style_of
 from dualnav_lite.figures.beyond import BEYOND
 from dualnav_lite.figures.captions import caption_lines
 from dualnav_lite.figures.sheet import COLOURS, MARKERS, QUIET, SMALL, Sheet, Words
@@ -218,6 +218,9 @@ RESULTS: dict[str, tuple[tuple[str, ...], Callable[[Words, Read], Figure]]] = {
     "latency": (("latency", "response_ticks"), latency),
     "battery_hours": (("battery_trace",), battery_hours),
     "ablations": (("ablations",), ablations),
+    "intervention": (("intervention",), questions.intervention),
+    "perturbed": (("perturbed_front",), questions.perturbed),
+    "failures": (("failure_search",), questions.failures),
     "trajectories": ((), lambda words, read: runs.trajectories(words)),
     "reward_terms": ((), lambda words, read: runs.reward_terms(words)),
 }

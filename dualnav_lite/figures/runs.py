@@ -27,11 +27,18 @@ def trajectories(words: Words) -> Figure:
                 env.trails[0] = env.trails[0][:1]  # the paths are drawn here, not by the room
                 show_room(axes, env, k == 0)
                 sheet.text(0.65 + 4.4 * k, 0.36, words.title(env.sim.scenarios[0]), fontweight="bold")
-            axes.plot(trace.x, trace.y, color="white", linewidth=4.5)
-            (line,) = axes.plot(trace.x, trace.y, color=colour, linewidth=2.4, linestyle=dashes, label=arm)
+            # Outlines lie below every line, so that where two paths are the same both are seen.
+            axes.plot(trace.x, trace.y, color="white", linewidth=4.5, zorder=2)
+            (line,) = axes.plot(trace.x, trace.y, color=colour, linewidth=2.4, linestyle=dashes, label=arm, zorder=3)
             is_hit = env.task.outcomes[0].startswith("hit_")
             axes.plot(
-                trace.x.iloc[-1], trace.y.iloc[-1], "X" if is_hit else "o", color=colour, markersize=11, mec="white"
+                trace.x.iloc[-1],
+                trace.y.iloc[-1],
+                "X" if is_hit else "o",
+                color=colour,
+                markersize=11,
+                mec="white",
+                zorder=4,
             )
             handles[arm] = line
     sheet.figure.legend(handles=list(handles.values()), loc="lower center", ncols=3, fontsize=SMALL)
@@ -47,6 +54,7 @@ def reward_terms(words: Words) -> Figure:
         upper.plot(trace.time_s, trace[name].cumsum(), color=colour, linestyle=dashes, linewidth=2.2, label=words(name))
     upper.set(ylabel=words("weighted reward so far"), xlim=(0, trace.time_s.max()))
     upper.set_yscale("symlog", linthresh=1.0)
+    upper.yaxis.set_major_formatter("{x:g}")
     upper.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0))
     lower.plot(trace.time_s, trace.v, color=TERM_COLOURS[0], linewidth=2.0, label=words("speed v [m/s]"))
     near = np.minimum(trace.clearance_m, 1.5)

@@ -1,14 +1,17 @@
 """What the battery band does: the same states with 15 and with 100 % written into it, and runs begun at either."""
 
+from functools import partial
+
 import numpy as np
 import pandas as pd
 
 from dualnav_lite.chunks import Chunk
-from dualnav_lite.config import Config
-from dualnav_lite.deploy import make_driver
+from dualnav_lite.config import Config, dump_config
+from dualnav_lite.drivers import make_driver
 from dualnav_lite.encoder import BAND_EDGES, BANDS, EGO
 from dualnav_lite.env import split_infos
 from dualnav_lite.evaluate import library_env, run_episodes
+from dualnav_lite.measures.kept import all_kept, fingerprint
 from dualnav_lite.measures.tables import Options
 from dualnav_lite.metrics import bootstrap_rate
 from dualnav_lite.pareto import safe_distance
@@ -61,25 +64,33 @@ def whole_runs(arm: str, scenario: str, seeds, charge: float) -> pd.DataFrame:
     return rows_of(run_episodes(chunk, chunk.seeds, Config(), 16, make_driver, library_env))
 
 
+def of_scenario(arm: str, scenario: str, seeds) -> pd.DataFrame:
+    """Rows of `intervention.csv` of one scenario."""
+    states = frozen_states(arm, scenario, seeds)
+    pairs = {
+        "command |v| on the same states [m/s]": states[:, :, 0],
+        "command |omega| on the same states [rad/s]": states[:, :, 1],
+    }
+    low, high = (whole_runs(arm, scenario, seeds, charge) for charge in (LOW, HIGH))
+    for measure, of in (
+        ("survived", lambda rows: survived(rows).astype(float)),
+        ("least clearance of a run [m]", safe_distance),
+        ("energy of a run [J]", lambda rows: rows.energy_j),
+        ("mean speed of a run [m/s]", lambda rows: rows.path_m / rows.time_s),
+    ):
+        pairs[measure] = np.column_stack([of(low), of(high)])
+    table = []
+    for measure, values in pairs.items():
+        difference = bootstrap_rate((values[:, 0] - values[:, 1])[None])
+        table.append([scenario, measure, *values.mean(axis=0), *difference, len(values)])
+    return pd.DataFrame(table, columns=COLUMNS)
+
+
 def intervention(options: Options) -> pd.DataFrame:
     """`intervention.csv`: value at 15 %, at 100 %, and their difference on the same states or seeds with 95 %."""
     arm, seeds = options.arm, options.seeds(EPISODES)
-    table = []
+    tasks = {}
     for scenario in options.scenarios or DEFAULT_SCENARIOS:
-        states = frozen_states(arm, scenario, seeds)
-        pairs = {
-            "command |v| on the same states [m/s]": states[:, :, 0],
-            "command |omega| on the same states [rad/s]": states[:, :, 1],
-        }
-        low, high = (whole_runs(arm, scenario, seeds, charge) for charge in (LOW, HIGH))
-        for measure, of in (
-            ("survived", lambda rows: survived(rows).astype(float)),
-            ("least clearance of a run [m]", safe_distance),
-            ("energy of a run [J]", lambda rows: rows.energy_j),
-            ("mean speed of a run [m/s]", lambda rows: rows.path_m / rows.time_s),
-        ):
-            pairs[measure] = np.column_stack([of(low), of(high)])
-        for measure, values in pairs.items():
-            difference = bootstrap_rate((values[:, 0] - values[:, 1])[None])
-            table.append([scenario, measure, *values.mean(axis=0), *difference, len(values)])
-    return pd.DataFrame(table, columns=COLUMNS)
+        made_of = [arm, fingerprint(arm), dump_config(load_scenario(scenario)), seeds.start, len(seeds)]
+        tasks[scenario] = made_of, partial(of_scenario, arm, scenario, seeds)
+    return all_kept(options.out / "intervention", tasks, options.jobs)

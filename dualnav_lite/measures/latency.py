@@ -2,6 +2,7 @@
 
 import time
 from collections import defaultdict
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -9,6 +10,7 @@ import pandas as pd
 from dualnav_lite.config import Config
 from dualnav_lite.env import split_infos
 from dualnav_lite.evaluate import library_arm, library_env
+from dualnav_lite.measures.kept import all_kept, fingerprint
 from dualnav_lite.measures.tables import Options
 from dualnav_lite.safety import SafetyFilter
 from dualnav_lite.scenario import load_scenario
@@ -18,6 +20,7 @@ LATENCY_COLUMNS = ["stage", "p50_ms", "p95_ms", "p99_ms", "n"]
 WARM_UP = 50  # control steps that are not counted
 STEPS = 5000
 EPISODES = 200
+BLOCK = 20  # episodes that are kept together
 DIFFERS_V, DIFFERS_OMEGA = 0.05, 0.1  # [m/s], [rad/s]: SPEC 11
 SEEN_M = 0.1  # a beam that differs by more sees the box
 TICK_COLUMNS = ["seed", "event_s", "seen_s", "answered_s", "ticks"]
@@ -107,10 +110,18 @@ def first_answer(arm: str, seed: int) -> list[float]:
     return [seed, event, seen, np.nan, np.nan]
 
 
+def answers(arm: str, seeds) -> pd.DataFrame:
+    """Rows of `TICK_COLUMNS` of these seeds."""
+    return pd.DataFrame([first_answer(arm, seed) for seed in seeds], columns=TICK_COLUMNS)
+
+
 def response_ticks(options: Options) -> pd.DataFrame:
     """`response_ticks.csv`: an episode of `pop_up` a row; empty `ticks` where the box was seen and never answered."""
-    answers = [first_answer(options.arm, seed) for seed in options.seeds(EPISODES)]
-    table = pd.DataFrame(answers, columns=TICK_COLUMNS)
+    arm, everything, tasks = options.arm, options.seeds(EPISODES), {}
+    for first in range(0, len(everything), BLOCK):
+        seeds = everything[first : first + BLOCK]
+        tasks[f"{seeds.start}"] = [arm, fingerprint(arm), list(seeds)], partial(answers, arm, seeds)
+    table = all_kept(options.out / "response", tasks, options.jobs)
     return table[table.seen_s.notna()].reset_index(drop=True)
 
 

@@ -9,8 +9,10 @@ import pandas as pd
 from dualnav_lite.config import UnusableInput, write_atomic
 from dualnav_lite.episodes import SEEDS
 from dualnav_lite.judge import csv_text
+from dualnav_lite.report import frame_texts
 
 ABLATION_DEFAULT = "ablation_default"
+MOST_ROWS = 60  # of a table that a person reads
 
 
 @dataclass(frozen=True)
@@ -72,22 +74,23 @@ def battery_trace(options: Options) -> dict[str, pd.DataFrame]:
 
 
 def perturb(options: Options) -> dict[str, pd.DataFrame]:
-    """Bounded changes of the policy's commands, searched by differential evolution: `perturbed_front.csv`."""
-    from dualnav_lite.measures.adversary import perturbed_front
+    """Commands changed within bounds, by evolution and by chance: `perturbed_front.csv`, `perturbed_gain.csv`."""
+    from dualnav_lite.measures.perturb import perturbed_front
 
-    return {"perturbed_front": perturbed_front(options)}
+    points, gain = perturbed_front(options)
+    return {"perturbed_front": points, "perturbed_gain": gain}
 
 
 def find_failures(options: Options) -> dict[str, pd.DataFrame]:
     """Scenario settings in which the policy fails, searched against random search: `failure_search.csv`."""
-    from dualnav_lite.measures.adversary import failure_search
+    from dualnav_lite.measures.failures import failure_search
 
     return {"failure_search": failure_search(options)}
 
 
 def ablations(options: Options) -> dict[str, pd.DataFrame]:
     """Every ablation that was trained, beside the default trained alike: `ablations.csv`, `ablations_paired.csv`."""
-    from dualnav_lite.deploy import trained_ablations
+    from dualnav_lite.drivers import trained_ablations
     from dualnav_lite.evaluate import evaluate
     from dualnav_lite.survival import paired, survival
 
@@ -108,7 +111,7 @@ MEASURES: dict[str, Callable[[Options], dict[str, pd.DataFrame]]] = {
 
 
 def run(name: str, options: Options) -> dict[str, pd.DataFrame]:
-    """Measure and write `<table>.csv` into `options.out`; returns the tables.
+    """Measure and write `<table>.csv` into `options.out`, short ones as LaTeX and Markdown too; returns the tables.
 
     Raises:
         UnusableInput: an unknown name, arm or scenario, or a folder that refuses.
@@ -118,4 +121,7 @@ def run(name: str, options: Options) -> dict[str, pd.DataFrame]:
     tables = MEASURES[name](options)
     for table, content in tables.items():
         write_atomic(options.out / f"{table}.csv", csv_text(content))
+        if len(content) <= MOST_ROWS:
+            for name, text in frame_texts(table, content).items():
+                write_atomic(options.out / name, text)
     return tables

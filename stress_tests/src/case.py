@@ -23,7 +23,9 @@ from PIL import Image
 from dualnav_lite import stress
 from dualnav_lite.chunks import arm_name
 from dualnav_lite.episodes import cell_text
-from dualnav_lite.survival import failures, survival
+from dualnav_lite.judge import with_published
+from dualnav_lite.report import survival_lines
+from dualnav_lite.survival import failures
 from dualnav_lite.traces import picture
 
 display(Markdown(stress.load_case(case).about))
@@ -45,15 +47,11 @@ for scenario in stress.load_case(case).scenarios:
 
 # %%
 rows = stress.run_case(case, arms, episodes, seed_base, out, jobs, shard, cluster, preference, overrides)
-table = survival(rows)
-rates = ["survival_rate", "wilson_low", "wilson_high", "article_claim"]
-table[["scenario", "arm", "episodes", "survived", *rates]].round(3)
+display(Markdown("\n".join(survival_lines(with_published(rows)))))
 
 # %% [markdown]
-# Safety beside energy, the two objectives: least clearance of the hull and energy, means over runs.
-
-# %%
-table[["scenario", "arm", "mean_min_clearance_m", "mean_energy_j", "energy_j_per_m"]].round(2)
+# The last two columns are the two objectives: least clearance of the hull and energy, means over runs. Floor, best blind
+# arm and ceiling are the published rows of the same seeds, where there are any.
 
 # %% [markdown]
 # ## Where failures come from

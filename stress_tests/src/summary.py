@@ -13,7 +13,7 @@ from IPython.display import Image, Markdown, display
 
 from dualnav_lite.figures.results import make_result_figures
 from dualnav_lite.judge import judge_folder
-from dualnav_lite.report import survival_lines
+from dualnav_lite.report import PAIRED_HEADER, markdown, paired_cells, survival_lines
 
 tables = judge_folder(results)
 
@@ -21,7 +21,7 @@ tables = judge_folder(results)
 # ## Who survives
 #
 # Beside each rate: its interval, what the article claims for its own policy (a claim, not a rival measured here), the
-# best arm that drives blind, and the ceiling that sees the truth.
+# floor (a robot that stands still), the best arm that drives blind, and the ceiling that sees the truth.
 
 # %%
 display(Markdown("\n".join(survival_lines(tables["survival"]))))
@@ -29,10 +29,10 @@ display(Markdown("\n".join(survival_lines(tables["survival"]))))
 # %% [markdown]
 # ## On the same seeds
 #
-# `only_a` and `only_b` count the seeds on which just one of the two survived; p is McNemar's, exact.
+# `only a` and `only b` count the seeds on which just one of the two survived; p is McNemar's, exact.
 
 # %%
-tables["paired"].round(4)
+display(Markdown("\n".join(markdown(PAIRED_HEADER, paired_cells(tables["paired"])))))
 
 # %% [markdown]
 # ## Safety against energy, run by run
@@ -42,7 +42,7 @@ tables["paired"].round(4)
 
 # %%
 points = tables["pareto_episodes"]
-points.groupby(["scenario", "arm"]).pareto_optimal.agg(["mean", "size"]).round(3)
+points.groupby(["scenario", "arm"], sort=False).pareto_optimal.agg(share="mean", runs="size").round(3)
 
 # %% [markdown]
 # ## Figures
