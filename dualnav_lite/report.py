@@ -60,7 +60,7 @@ def survival_cells(
         table: `survival.csv`, with the published rows, which the bounds are taken from.
         chosen: as in `measured_rows`.
     """
-    names, cells = titles(language), []
+    names, cells = titles(language), list[tuple[str, ...]]()
     for row in measured_rows(table, chosen).itertuples():
         beside = bounds(table, row.scenario)
         blind = beside.get("blind")

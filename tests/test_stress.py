@@ -1,13 +1,14 @@
 """The stress runner: papermill once a case, and whatever fails costs only itself."""
 
 import errno
+import re
 import signal
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from dualnav_lite import drivers, judge, stress, traces
+from dualnav_lite import drivers, judge, pace, stress, traces
 from dualnav_lite.cases import all_cases
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.episodes import SEEDS
@@ -54,18 +55,24 @@ def pretended(results):
     return run_notebook
 
 
-def test_a_run_leaves_rows_tables_figures_a_report_and_the_executed_notebooks(monkeypatch, tmp_path):
+def test_a_quick_run_leaves_rows_tables_figures_a_report_and_the_executed_notebooks(monkeypatch, tmp_path, capsys):
+    from dualnav_lite.__main__ import main
+
     chosen = {"pop_up": all_cases()["pop_up"]}
-    for module in (stress, judge):
+    for module in (stress, judge, pace):
         monkeypatch.setattr(module, "all_cases", lambda: chosen)
     out = tmp_path / "结果 一"
-    tables, failed = stress.run_stress(a_plan(out))
-    assert failed == []
-    table = tables["survival"]
+    arms = ["--arms", "stand_still,straight", "--seed-base", f"{TUNING}", "--jobs", "1"]
+    assert main(["stress", "--quick", *arms, "--out", str(out)]) == 0
+    said = capsys.readouterr()
+    assert "2 arms: about a minute on 1 processes" in said.err
+    assert "Pop-up obstacle: article 92 %" in said.out
+    assert str(out) in said.out
+    table = pd.read_csv(out / "survival.csv")
     assert list(table.arm) == ["stand_still", "straight"] * 2
     assert set(table.seed_first) == {TUNING}
     rows = read_episodes(out / "episodes.csv")
-    assert len(rows) == 8
+    assert len(rows) == 20
     assert not survived(rows[rows.arm == "stand_still"]).any()
     for name in ("survival", "paired", "pareto_episodes", "outcomes", "survival_strict", "training_seeds"):
         assert (out / f"{name}.csv").exists(), name
@@ -73,10 +80,24 @@ def test_a_run_leaves_rows_tables_figures_a_report_and_the_executed_notebooks(mo
     report = (out / "report.md").read_text(encoding="utf-8")
     assert "Pop-up obstacle" in report
     assert "92 %" in report
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert all((out / name).exists() for name in re.findall('src="([^"]+)"', page))
     assert "image/png" in (out / "pop_up.ipynb").read_text(encoding="utf-8")
+    assert "\\r" not in (out / "pop_up.ipynb").read_text(encoding="utf-8")  # of a progress bar only its end
     assert "image/png" in (out / "summary.ipynb").read_text(encoding="utf-8")
     assert (out / "figures" / "survival.pdf").stat().st_size > 1000
     assert "**survival.**" in (out / "figures" / "captions.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_the_whole_quick_run_with_the_shipped_policy(tmp_path):
+    from dualnav_lite.__main__ import main
+
+    assert main(["stress", "--quick", "--out", str(tmp_path)]) in (0, 1)  # 1: one run of three hours can miss 100 %
+    assert pd.read_csv(tmp_path / "failed.csv").empty
+    rows = read_episodes(tmp_path / "episodes.csv")
+    assert len(rows) == 8 * 2 * 5 + 1
+    assert rows[rows.scenario == "battery"].steps.iloc[0] == 108_000
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ def stress_plan(arms, episodes, long_runs, quick, seed_base, jobs, shard, cluste
         arms=chosen,
         episodes=5 if quick else episodes,
         long_arms=chosen if arms == "all" else chosen[:1],
-        long_runs=1 if quick else long_runs,
+        long_runs=min(1, long_runs) if quick else long_runs,
         seed_base=seed_base,
         jobs=jobs,
         out=(out or FOLDER / "results").resolve(),

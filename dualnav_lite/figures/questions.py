@@ -1,6 +1,8 @@
 """Figures of what is asked of the policy: its battery band, its changed commands, settings in which it fails."""
 
+import textwrap
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,9 +22,9 @@ def intervention(words: Words, read: Read) -> Figure:
     table = read("intervention")
     measures, scenarios = list(dict.fromkeys(table.measure)), list(dict.fromkeys(table.scenario))
     columns, height = 3, 0.42 * len(scenarios) + 0.2
-    sheet = Sheet(13.4, (height + 1.25) * (-(-len(measures) // columns)) + 0.7)
+    sheet = Sheet(13.4, (height + 1.45) * (-(-len(measures) // columns)) + 0.6)
     for k, measure in enumerate(measures):
-        axes = sheet.axes(2.9 + 3.5 * (k % columns), 0.6 + (height + 1.25) * (k // columns), 3.0, height)
+        axes = sheet.axes(2.9 + 3.5 * (k % columns), 0.8 + (height + 1.45) * (k // columns), 3.0, height)
         rows = table[table.measure == measure].set_index("scenario").reindex(scenarios)
         y = np.arange(len(rows))
         axes.hlines(y, rows.low, rows.high, color="#0072b2", linewidth=2.2)
@@ -32,7 +34,7 @@ def intervention(words: Words, read: Read) -> Figure:
         axes.set_yticks(y if names else [], names)
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.locator_params(axis="x", nbins=4)
-        axes.set_title(words(measure), fontsize=SMALL, fontweight="normal", loc="left")
+        axes.set_title(textwrap.fill(words(measure), 24), fontsize=SMALL, fontweight="normal", loc="left")
         axes.grid(True, axis="x")
     sheet.figure.supxlabel(words("15 % minus 100 % of charge, 95 % interval"), fontsize=SMALL + 1, y=0.01)
     return sheet.figure
@@ -48,7 +50,7 @@ def perturbed(words: Words, read: Read) -> Figure:
         panels = [sheet.axes(0.95 + 6.3 * j, 0.6 + 4.5 * k, 5.3, 3.1) for j in (0, 1)]
         for method, points in table[table.scenario == name].groupby("method", sort=False):
             colour, marker = METHODS[method]
-            style = {"color": colour, "linestyle": "", "marker": marker, "mew": 0}
+            style: dict[str, Any] = {"color": colour, "linestyle": "", "marker": marker, "mew": 0}
             best = points[points.pareto_optimal.astype(bool)].sort_values("safe_dist_m")
             panels[0].plot(points.safe_dist_m, points.energy_j_per_goal, markersize=3.5, alpha=0.4, **style)
             panels[0].plot(best.safe_dist_m, best.energy_j_per_goal, markersize=8, **style)

@@ -3,12 +3,14 @@
 import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from dualnav_lite.config import UnusableInput, write_atomic
 from dualnav_lite.figures import FORMATS, LANGUAGES, _check, _save, questions, runs, style_of
@@ -147,6 +149,7 @@ def latency(words: Words, read: Read) -> Figure:
         axes.plot(stages[column], y, marker, color=colour, markersize=8, label=column.removesuffix("_ms"))
     axes.hlines(y, stages.p50_ms, stages.p99_ms, color=QUIET, linewidth=1.2, zorder=0)
     axes.set_xscale("log")
+    axes.xaxis.set_major_formatter("{x:g}")
     axes.set_yticks(y, [words(stage) for stage in stages.stage])
     axes.set(ylim=(len(stages) - 0.4, -0.6), xlabel=words("time of a control step [ms]"))
     axes.grid(True, axis="x")
@@ -155,6 +158,8 @@ def latency(words: Words, read: Read) -> Figure:
     right = sheet.axes(8.1, 0.5, 4.2, 3.4)
     counts = ticks.ticks.clip(upper=20).value_counts(normalize=True).sort_index()
     right.bar(counts.index, 100 * counts.to_numpy(), color=COLOURS[0], width=0.8)
+    right.set_axisbelow(True)
+    right.xaxis.set_major_locator(MaxNLocator(integer=True))
     right.axvline(2.5, color=COLOURS[3], linestyle=(0, (4, 2)), linewidth=2.0, label=words("article: 200 ms"))
     right.set(xlabel=words("ticks of 0.1 s until the command changes"), ylabel=words("share of runs [%]"))
     right.grid(True, axis="y")
@@ -169,9 +174,11 @@ def battery_hours(words: Words, read: Read) -> Figure:
     left, right = sheet.axes(0.95, 0.4, 5.2, 3.6), sheet.axes(7.2, 0.4, 5.0, 3.6)
     arms = list(dict.fromkeys(table.arm))
     for arm, run in table.groupby("arm", sort=False):
-        colour, _ = look(arm, arms)
-        left.plot(run.time_s / 60, 100 * run.battery, color=colour, linewidth=2.2, label=arm)
-        right.plot(run.time_s / 60, run.goals, color=colour, linewidth=2.2, label=arm)
+        style: dict[str, Any] = {"color": look(arm, arms)[0], "linewidth": 2.2, "label": arm}
+        alike = [one for one in arms[: arms.index(arm)] if look(one, arms)[0] == style["color"]]
+        style["linestyle"] = (0, (2, 1.2)) if alike else "-"  # one planner at two speeds
+        left.plot(run.time_s / 60, 100 * run.battery, **style)
+        right.plot(run.time_s / 60, run.goals, **style)
     left.axhline(15, color=QUIET, linestyle=(0, (4, 2)), linewidth=1.6)
     left.set(xlabel=words("time [min]"), ylabel=words("charge [%]"), xlim=(0, 180), ylim=(0, 100))
     right.axhline(520, color=QUIET, linestyle=(0, (4, 2)), linewidth=1.6)
@@ -194,7 +201,7 @@ def ablations(words: Words, read: Read) -> Figure:
     sheet = Sheet(12.6, 0.9 + 0.42 * len(arms) + 1.0)
     width = 9.2 / len(names)
     for k, name in enumerate(names):
-        axes = sheet.axes(3.1 + width * k, 0.9, width - 0.25, 0.42 * len(arms))
+        axes = sheet.axes(3.1 + width * k, 0.9, width - 0.45, 0.42 * len(arms))
         for y, arm in enumerate(arms):
             for one in table[(table.scenario == name) & (table.arm == arm)].itertuples():
                 colour = COLOURS[1] if arm == "ablation_default" else COLOURS[0]
