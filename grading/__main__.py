@@ -112,13 +112,12 @@ def example(
     update: Annotated[bool, typer.Option("--update", help="Make the class and its expected table anew.")] = False,
 ) -> int:
     """Grade the example class and compare its table with the expected one."""
-    import os
     import tempfile
 
     from grading.example import differences, grade_example
-    from grading.sandbox import PREFIX
+    from grading.folders import own_prefix
 
-    with tempfile.TemporaryDirectory(prefix=f"{PREFIX}{os.getpid()}-") as folder:  # swept where we are killed
+    with tempfile.TemporaryDirectory(prefix=own_prefix()) as folder:  # swept where we are killed
         table = grade_example(out or Path(folder) / "grades", jobs=jobs, cluster=cluster, tier=tier, update=update)
     wrong = differences(table)
     for line in wrong:

@@ -12,12 +12,13 @@ from grading import __version__
 from grading.cluster import run_on_cluster
 from grading.crew import run_workers
 from grading.feedback import page, zipped
+from grading.folders import sweep
 from grading.intake import Submission, take_in
 from grading.lesson import Outcome
 from grading.room import Room
 from grading.rubric import Rubric
 from grading.self_check import self_check
-from grading.store import locked, read_result, result_path, sweep, to_json, write_whole
+from grading.store import locked, read_result, result_path, to_json, write_whole
 from grading.tables import COLUMNS, policy_tables, rows_of, to_csv
 
 

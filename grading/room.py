@@ -3,7 +3,6 @@
 import contextlib
 import hashlib
 import json
-import os
 import shutil
 import tempfile
 from dataclasses import asdict, dataclass
@@ -13,12 +12,12 @@ import dualnav_lite
 from dualnav_lite.chunks import code_sha256
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.exercises import stub
+from grading.folders import own_prefix
 from grading.job import Limits
 from grading.lesson import Setting
 from grading.masking import masked_copy, tainted_kernels
 from grading.rebuild import Master, Unreadable, read_master
 from grading.rubric import Rubric
-from grading.sandbox import PREFIX
 from grading.secret import Secret
 from grading.shown import kernel_cache
 
@@ -91,7 +90,7 @@ def prepared(rubric: Rubric, secret: Secret, tier: str, limits: Limits, notebook
         missing = sorted(set(lesson.exercises) - set(masters[name].solutions))
         if missing:
             raise UnusableInput(f"the rubric names exercise '{missing[0]}', which {name}.ipynb does not hold")
-    folder = Path(tempfile.mkdtemp(prefix=f"{PREFIX}{os.getpid()}-"))
+    folder = Path(tempfile.mkdtemp(prefix=own_prefix()))
     try:
         packages = masked_copy(PACKAGE, rubric.mask(), folder / "packages")
         kernels = _kernels_to_show(kernel_cache(PACKAGE), tainted_kernels(PACKAGE, rubric.mask()), folder / "kernels")

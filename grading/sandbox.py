@@ -21,6 +21,7 @@ from pathlib import Path
 from grading import bubblewrap, plain
 from grading.bubblewrap import MEGABYTE, is_root
 from grading.cores import on_a_core, take_core
+from grading.folders import own_prefix
 from grading.job import Job, SandboxError
 from grading.shown import DEVICES, numba_folder, system_folders
 from grading.watchdog import Watchdog
@@ -37,7 +38,6 @@ BROUGHT = (
     "adapters.py",
     "probe_inside.py",
 )
-PREFIX = "dualnav-grading-"  # of temporary folders; the pid of who made one follows, so that `sweep` knows whose it is
 FIRST_USER, USERS_A_PROCESS = 2_000_300_000, 32  # above what directories of users and systemd give out
 _USERS = itertools.count()
 
@@ -55,7 +55,7 @@ class Sandbox:
 
     def __init__(self, job: Job, tier: str):
         self._job, self._tier = job, tier
-        self.folder = Path(tempfile.mkdtemp(prefix=f"{PREFIX}{os.getpid()}-"))
+        self.folder = Path(tempfile.mkdtemp(prefix=own_prefix()))
         self.output = b""  # first bytes of what it printed; for people who look for a mistake in the kit, never scored
         self._process: subprocess.Popen | None = None
         self._watchdog: Watchdog | None = None

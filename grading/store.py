@@ -10,8 +10,6 @@ from pathlib import Path
 
 from dualnav_lite.config import UnusableInput
 from grading.intake import Submission
-from grading.plain import remove
-from grading.sandbox import PREFIX
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -77,12 +75,3 @@ def locked(out: Path):
         for leftover in [*out.glob(".*.tmp"), *(out / "results").glob(".*.tmp")]:
             leftover.unlink()
         yield
-
-
-def sweep() -> None:
-    """Take away the folders that graders left behind when they were killed."""
-    for path in Path(tempfile.gettempdir()).glob(f"{PREFIX}*-*"):
-        owner = path.name.removeprefix(PREFIX).split("-")[0]
-        with contextlib.suppress(OSError):
-            if owner.isdigit() and not os.path.exists(f"/proc/{owner}") and path.stat().st_uid == os.geteuid():
-                remove(path)

@@ -11,10 +11,10 @@ import pytest
 
 from grading.example.graded import example_rubric
 from grading.example.policies import constant_policy
+from grading.folders import PREFIX
 from grading.grade import grade_class
 from grading.job import Limits
 from grading.room import NOTEBOOKS, prepared
-from grading.sandbox import PREFIX
 from grading.secret import Secret
 from tests.test_attacks import works
 

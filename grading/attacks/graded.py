@@ -11,12 +11,12 @@ from pathlib import Path
 from grading.attacks.canaries import Canaries
 from grading.attacks.submissions import hand_in
 from grading.attacks.table import EXERCISES, Attack
+from grading.folders import PREFIX
 from grading.grade import grade_class
 from grading.intake import MOODLE, is_plain
 from grading.job import Limits
 from grading.room import NOTEBOOKS, PACKAGE, prepared
 from grading.rubric import Policy, Rubric, Survival, load_rubric
-from grading.sandbox import PREFIX
 from grading.secret import Secret
 from grading.tables import FORMULA
 
