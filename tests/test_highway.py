@@ -228,5 +228,5 @@ def test_the_table_of_a_few_episodes_has_a_row_for_each_preference():
 
 @pytest.mark.slow
 def test_ppo_parks_more_than_half_of_the_cars_after_80_000_steps():
-    rows = judge(CarDriver(train_car("parking", seed=0)), "parking", 0.5, 100, seed_base=1_000_000)
+    rows = judge(CarDriver(train_car("parking", seed=0)), "parking", 0.5, 100, first=1_000_000)
     assert (rows.outcome == "goal").mean() > 0.5
