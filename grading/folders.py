@@ -10,7 +10,7 @@ from grading.plain import remove
 PREFIX = "dualnav-grading-"
 
 
-def _began(pid: int) -> str:
+def began(pid: int) -> str:
     """When a living process was started, empty for others: the kernel gives numbers of processes out again."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
@@ -21,13 +21,13 @@ def _began(pid: int) -> str:
 
 def own_prefix() -> str:
     """How this process begins the name of a temporary folder."""
-    return f"{PREFIX}{os.getpid()}-{_began(os.getpid())}-"
+    return f"{PREFIX}{os.getpid()}-{began(os.getpid())}-"
 
 
 def sweep() -> None:
     """Take away the folders that graders left behind when they were killed."""
     for path in Path(tempfile.gettempdir()).glob(f"{PREFIX}*-*-*"):
-        pid, began, _ = path.name.removeprefix(PREFIX).split("-", 2)
+        pid, since, _ = path.name.removeprefix(PREFIX).split("-", 2)
         with contextlib.suppress(OSError):
-            if pid.isdigit() and _began(int(pid)) != began and path.stat().st_uid == os.geteuid():
+            if pid.isdigit() and began(int(pid)) != since and path.stat().st_uid == os.geteuid():
                 remove(path)

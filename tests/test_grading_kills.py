@@ -11,7 +11,7 @@ import pytest
 
 from grading.example.graded import example_rubric
 from grading.example.policies import constant_policy
-from grading.folders import PREFIX
+from grading.folders import PREFIX, began
 from grading.grade import grade_class
 from grading.job import Limits
 from grading.room import NOTEBOOKS, prepared
@@ -66,15 +66,6 @@ def results(out: Path) -> dict[str, int]:
     return {path.name: path.stat().st_mtime_ns for path in (out / "results").glob("[!.]*.json")}
 
 
-def born(pid: int) -> str:
-    """When a process was started, empty where there is none: numbers are used again."""
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-    except OSError:
-        return ""
-    return "" if fields[0] in "ZX" else fields[19]
-
-
 def below(pid: int) -> dict[int, str]:
     """A process and all below it, with when each was started."""
     parents = {}
@@ -88,7 +79,7 @@ def below(pid: int) -> dict[int, str]:
     family = {pid}
     while more := {child for child, parent in parents.items() if parent in family} - family:
         family |= more
-    return {one: born(one) for one in family}
+    return {one: began(one) for one in family}
 
 
 def kill_at(moment: int, delay_s: float, process, out: Path) -> None:
@@ -101,7 +92,7 @@ def kill_at(moment: int, delay_s: float, process, out: Path) -> None:
     os.kill(process.pid, signal.SIGKILL)
     process.join()
     give_up = time.monotonic() + GIVE_UP_S
-    while any(begin and born(pid) == begin for pid, begin in family.items()):
+    while any(begin and began(pid) == begin for pid, begin in family.items()):
         assert time.monotonic() < give_up, "something is left running"
         time.sleep(0.02)
 
