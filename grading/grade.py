@@ -57,7 +57,12 @@ def grade_class(
     with locked(out):
         if only:
             paths[only].unlink(missing_ok=True)
-        missing = [one for one in submissions if read_result(paths[one.student_id]) is None]
+        missing = []
+        for one in submissions:
+            if read_result(paths[one.student_id]) is None:
+                missing.append(one)
+            else:  # we may have been killed between the result and its mark
+                paths[one.student_id].with_suffix(".attempt").unlink(missing_ok=True)
         todo = [(one, paths[one.student_id]) for one in missing if not only or one.student_id == only]
         todo.sort(key=lambda task: task[1].with_suffix(".attempt").exists())  # in flight when we were killed: last
         lost = 0

@@ -11,7 +11,7 @@ from pathlib import Path
 from grading.attacks.canaries import Canaries
 from grading.attacks.submissions import hand_in
 from grading.attacks.table import EXERCISES, Attack
-from grading.folders import PREFIX
+from grading.folders import own_prefix
 from grading.grade import grade_class
 from grading.intake import MOODLE, is_plain
 from grading.job import Limits
@@ -72,7 +72,7 @@ def run_all(attacks: list[Attack], tier: str, say=lambda text: None, jobs: int =
         jobs: sandboxes side by side.
     """
     notebook = NOTEBOOKS / f"{LESSON}.ipynb"
-    with tempfile.TemporaryDirectory(prefix=f"{PREFIX}{os.getpid()}-attacks-") as place:
+    with tempfile.TemporaryDirectory(prefix=f"{own_prefix()}attacks-") as place:
         room, out = Path(place) / "class", Path(place) / "out"
         with Canaries(room, out, PACKAGE.parent) as canaries:
             by_folder = {hand_in(one, room, notebook, canaries.places).name: one for one in attacks}
