@@ -114,7 +114,7 @@ class PPOAgent:
             for states, values in ((buffer.states, rollout.values), (after, rollout.next_values)):
                 parts = [self.critic(part) for part in torch.from_numpy(np.stack(states)).split(256)]
                 values[:] = list(torch.cat(parts).numpy()[:, None])
-        batch = Batch.of(rollout, self.settings)
+        batch = Batch.of(rollout, self.settings, self.actor)
         numbers = update(self.actor, self.critic, self.optimizers, batch, self.settings, self._rng)
         self.buffer = ExperienceBuffer(self.actor.head)
         return numbers

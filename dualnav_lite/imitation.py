@@ -14,7 +14,7 @@ from pydantic import Field
 from dualnav_lite import streams
 from dualnav_lite.config import Frozen, NonNegative, Positive, Share
 from dualnav_lite.labels import Labels, collect_round, mirrored, unpack
-from dualnav_lite.policy import Actor, device_of
+from dualnav_lite.policy import Actor, Seen, device_of
 from dualnav_lite.weights import load_weights, save_weights
 
 Count = Annotated[int, Field(ge=1)]
@@ -160,11 +160,12 @@ def _gradient(actor: Actor, batch, settings: Imitation, share: float) -> float:
     (images, bands, costs), total, device = batch, 0.0, device_of(actor)
     for start in range(0, len(images), settings.micro_batch):
         part = slice(start, start + settings.micro_batch)
-        pictures, numbers = (one.to(device) for one in unpack(images[part], bands[part]))
-        log_probabilities = actor.head(actor.trunk.join(pictures, numbers))
+        pictures, numbers = unpack(images[part], bands[part])
+        seen = Seen.of(pictures, numbers, actor.trunk.halve).to(device)  # type: ignore[arg-type]
+        log_probabilities = actor(seen)
         wanted = torch.from_numpy(costs[part]).to(device).float()
         loss = imitation_loss(log_probabilities, wanted, settings.temperature_m, settings.caution)
-        loss = loss * (share * len(pictures))
+        loss = loss * (share * len(seen))
         loss.backward()
         total += loss.item()
     return total

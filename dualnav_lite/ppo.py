@@ -32,17 +32,18 @@ the policy that drove and the one after the update; `clip_fraction`, share of sa
 `reference_kl` [nat] to the reference policy; `epochs`, how many the KL stop left.
 """
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import torch
 from pydantic import Field
 
 from dualnav_lite.config import Frozen, NonNegative, Positive, Share
-from dualnav_lite.policy import Actor, Critic, device_of
+from dualnav_lite.policy import Actor, Critic, Seen, device_of, joined, looked
 from dualnav_lite.rollout import Rollout, RunningDeviation
 
 Count = Annotated[int, Field(ge=1)]
@@ -73,11 +74,13 @@ class Batch:
     """A rollout, flattened to samples.
 
     Attributes:
-        observations: (N, ...); actions, log_probs: as drawn; advantages: (N,); returns, values: (N, terms);
+        observations: N of them, (N, ...) or as the networks' trunks take them (`policy.Seen`); rows of either go into
+            the networks: `actor(observations[rows])`.
+        actions, log_probs: as drawn; advantages: (N,); returns, values: (N, terms);
         reference: (N, ...) distribution parameters of the reference policy, or None.
     """
 
-    observations: torch.Tensor
+    observations: torch.Tensor | Seen
     actions: torch.Tensor
     log_probs: torch.Tensor
     advantages: torch.Tensor
@@ -87,16 +90,17 @@ class Batch:
 
     @classmethod
     def of(
-        cls, rollout: Rollout, settings: PPO, deviations=None, reference: Actor | None = None, device="cpu"
+        cls, rollout: Rollout, settings: PPO, actor: Actor, deviations=None, reference: Actor | None = None
     ) -> "Batch":
-        """Samples of a rollout with their advantages and returns, on the device where they will be learned from."""
+        """Samples of a rollout with their advantages and returns, on the actor's device and as its trunk takes them."""
         gae_lambda = 1.0 if settings.estimator == "returns" else settings.gae_lambda
         advantages, returns = rollout.estimate(settings.gamma, gae_lambda, deviations, settings.weigh_scaled)
-        kept = (rollout.observations, rollout.actions, rollout.log_probs)
-        flat = [torch.from_numpy(np.concatenate(part)).to(device) for part in kept]
+        device = device_of(actor)
+        seen = joined([looked(actor, one) for one in rollout.observations])
+        drawn = [torch.from_numpy(np.concatenate(part)).to(device) for part in (rollout.actions, rollout.log_probs)]
         values = torch.from_numpy(np.concatenate(rollout.values)).float()
         scalars = [torch.from_numpy(advantages), torch.from_numpy(returns), values]
-        batch = cls(*flat, *(part.to(device) for part in scalars))
+        batch = cls(seen, *drawn, *(part.to(device) for part in scalars))
         if reference is not None:
             with torch.no_grad():
                 batch.reference = torch.cat([reference(part) for part in batch.observations.split(256)])
@@ -258,37 +262,45 @@ def collect(
     Returns:
         `Rollout`, and the observations after it.
     """
-    rollout, device = Rollout(), device_of(actor)
-
-    def valued(some):
-        return critic(torch.from_numpy(some).to(device)).cpu().numpy()
-
-    with torch.no_grad():
-        values = valued(observations)
-        for _ in range(steps):
-            parameters = actor(torch.from_numpy(observations).to(device))
-            actions, log_probs = actor.head.sample(parameters, generator)
-            after, rewards, terminated, truncated, infos = env.step(actor.head.physical(actions).cpu().numpy())
-            after = np.asarray(after, np.float32)
-            following = valued(after)
-            next_values = following
-            if truncated.any():
-                last = np.stack([np.asarray(one, np.float32) for one in infos["final_obs"][truncated]])
-                next_values = following.copy()
-                next_values[truncated] = valued(last)
-            vector = infos.get("vector_reward", np.asarray(rewards)[:, None])
-            deviation.update(vector, terminated | truncated)
-            rollout.add(
-                observations=observations,
-                actions=actions.cpu().numpy(),
-                log_probs=log_probs.cpu().numpy(),
-                rewards=vector,
-                weights=infos.get("reward_weights", np.ones_like(vector)),
-                values=values,
-                next_values=next_values,
-                terminated=np.asarray(terminated),
-                truncated=np.asarray(truncated),
-            )
-            observations, values = after, following
-            on_step(infos)
+    rollout, seen = Rollout(), [looked(actor, observations)]
+    last_seen: dict[int, Any] = {}  # by step, where episodes were cut short
+    for step in range(steps):
+        with torch.no_grad():
+            actions, log_probs = actor.head.sample(actor(seen[-1]), generator)
+        after, rewards, terminated, truncated, infos = env.step(actor.head.physical(actions).cpu().numpy())
+        after = np.asarray(after, np.float32)
+        if truncated.any():
+            last = np.stack([np.asarray(one, np.float32) for one in infos["final_obs"][truncated]])
+            last_seen[step] = looked(actor, last)
+        vector = infos.get("vector_reward", np.asarray(rewards)[:, None])
+        deviation.update(vector, terminated | truncated)
+        rollout.add(
+            observations=observations,
+            actions=actions.cpu().numpy(),
+            log_probs=log_probs.cpu().numpy(),
+            rewards=vector,
+            weights=infos.get("reward_weights", np.ones_like(vector)),
+            values=None,
+            next_values=None,
+            terminated=np.asarray(terminated),
+            truncated=np.asarray(truncated),
+        )
+        observations = after
+        seen.append(looked(actor, after))
+        on_step(infos)
+    values = values_of(critic, [*seen, *last_seen.values()])
+    rollout.values, rollout.next_values = values[:steps], [one.copy() for one in values[1 : steps + 1]]
+    for step, last_values in zip(last_seen, values[steps + 1 :], strict=True):
+        rollout.next_values[step][rollout.truncated[step]] = last_values
     return rollout, observations
+
+
+def values_of(critic: Critic, seen: Sequence) -> list[np.ndarray]:
+    """(n, terms) values of each of several sets of observations; both cores look at them."""
+
+    @torch.no_grad()
+    def valued(one):
+        return critic(one).cpu().numpy()
+
+    with ThreadPoolExecutor(2) as pool:
+        return list(pool.map(valued, seen))

@@ -51,5 +51,5 @@ def learn_ppo(
 
         rollout, observations = collect(env, actor, critic, observations, length, generator, deviation, note)
         set_rates(optimizers, settings, 1.0 - share)
-        update(actor, critic, optimizers, Batch.of(rollout, settings, deviation.deviations), settings, rng)
+        update(actor, critic, optimizers, Batch.of(rollout, settings, actor, deviation.deviations), settings, rng)
     return actor

@@ -173,7 +173,7 @@ class Trainer:
                 lambda infos, step=(number + 1) * per_update: reporter.take(infos, step),
             )
             collected = time.perf_counter()
-            batch = Batch.of(rollout, settings, deviation.deviations, reference, self.device)
+            batch = Batch.of(rollout, settings, self.actor, deviation.deviations, reference)
             set_rates(optimizers, settings, 1.0 - number / updates)
             try:
                 only_values = number < stage.warm_up_updates

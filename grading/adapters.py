@@ -244,11 +244,11 @@ def _driver_of_weights(content: bytes):
 
     from dualnav_lite.command_reader import CommandReader
     from dualnav_lite.config import Hardware
-    from dualnav_lite.policy import make_actor
+    from dualnav_lite.policy import GRAINS, make_actor
 
     state = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
     first = state["trunk.convolutions.0.weight"]
-    grain = "fine" if first.shape[-1] == 5 else "coarse"
+    grain = next(name for name, grain in GRAINS.items() if grain.convolutions[0][1] == first.shape[-1])
     head = "commands" if "head.commands" in state else "gaussian"
     limits = [Hardware().max_lin_vel, Hardware().max_ang_vel]
     actor = make_actor((first.shape[1] + 1, 64, 64), head, limits, grain)

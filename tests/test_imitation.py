@@ -10,7 +10,7 @@ from dualnav_lite.imitation import Imitation, fit, imitate, imitation_loss
 from dualnav_lite.kernels import sampling as kernels
 from dualnav_lite.labels import MIRRORED_BANDS, Labels, Noise, Teacher, collect, mirrored, pack, unpack
 from dualnav_lite.planners.sampling import Ceiling, command_grid
-from dualnav_lite.policy import make_actor, split_observations
+from dualnav_lite.policy import Seen, make_actor, split_observations
 from dualnav_lite.weights import load_weights, save_weights
 
 DRAWN = with_overrides(Config(), {"preference": "drawn"})
@@ -127,7 +127,7 @@ def test_fitting_brings_the_student_to_the_labels(labels):
 
     def loss():
         with torch.no_grad():
-            log_probabilities = actor.head(actor.trunk.join(*unpack(labels.images, labels.bands)))
+            log_probabilities = actor(Seen.of(*unpack(labels.images, labels.bands), False))
             return float(imitation_loss(log_probabilities, torch.from_numpy(labels.costs).float(), 0.08))
 
     before = loss()
@@ -250,7 +250,7 @@ def test_two_halves_on_two_cores_descend_as_one_batch_does(labels):
         images, bands, costs = (
             np.concatenate([a, b[half:]]) for a, b in zip(flipped, (images, bands, costs), strict=True)
         )
-        log_probabilities = actor.head(actor.trunk.join(*unpack(images, bands)))
+        log_probabilities = actor(Seen.of(*unpack(images, bands), False))
         imitation_loss(log_probabilities, torch.from_numpy(costs).float(), SMALL.temperature_m).backward()
         torch.nn.utils.clip_grad_norm_(actor.parameters(), 1.0)
         optimizer.step()

@@ -225,7 +225,7 @@ def trained(make, size, limits, steps, settings, n=16, length=64, seed=0):
             env, actor, critic, observations, length, generator, deviation, lambda infos: None
         )
         means.append(np.mean(rollout.rewards))
-        update(actor, critic, optimizers, Batch.of(rollout, settings, deviation.deviations), settings, rng)
+        update(actor, critic, optimizers, Batch.of(rollout, settings, actor, deviation.deviations), settings, rng)
     tenth = max(1, len(means) // 10)
     return np.mean(means[:tenth]), np.mean(means[-tenth:])
 

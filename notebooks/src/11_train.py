@@ -53,7 +53,7 @@ reward_terms = part("reward_terms")
 # ## 2. The settings
 #
 # They stand in a file. The clock decides when to end, not the number of steps, and the learning rates fall with it: large
-# steps at first, small ones at the end. The network looks coarsely (blocks of 0.4 m), which leaves time for more steps.
+# steps at first, small ones at the end. The network looks coarsely (cells of 0.2 m), which leaves time for more steps.
 
 # %%
 training = load_training(ROOT / "training" / "lesson.yaml")
@@ -80,10 +80,10 @@ def to_batch(rollout, deviations):
     pairs = [gae(rewards[..., k], values[..., k], following[..., k], *flags) for k in range(len(TERMS))]
     advantages, returns = (np.stack(one, axis=-1) for one in zip(*pairs, strict=True))
     weighted = (advantages * np.stack(rollout.weights) * deviations).sum(axis=-1)
-    kept = (rollout.observations, rollout.actions, rollout.log_probs)
-    flat = [torch.from_numpy(np.concatenate(one)) for one in kept]
+    seen = actor.trunk.look(torch.from_numpy(np.concatenate(rollout.observations)))  # once, not in each epoch
+    drawn = [torch.from_numpy(np.concatenate(one)) for one in (rollout.actions, rollout.log_probs)]
     more = (weighted.reshape(-1), returns.reshape(-1, len(TERMS)), np.concatenate(rollout.values))
-    return Batch(*flat, *(torch.from_numpy(one.astype(np.float32)) for one in more))
+    return Batch(seen, *drawn, *(torch.from_numpy(one.astype(np.float32)) for one in more))
 
 
 # %% [markdown]
