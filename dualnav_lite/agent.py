@@ -4,9 +4,10 @@ import numpy as np
 import torch
 
 from dualnav_lite.config import Hardware
-from dualnav_lite.policy import Critic, make_actor, trunk_for
+from dualnav_lite.policy import Critic, make_actor
 from dualnav_lite.ppo import PPO, Batch, make_optimizers, update
 from dualnav_lite.rollout import Rollout
+from dualnav_lite.trunks import trunk_for
 
 
 class ExperienceBuffer:

@@ -122,7 +122,7 @@ class Rewards(Frozen):
     energy: NonNegative = 0.20
     goal: NonNegative = 0.10
     terminal: NonNegative = 1.0
-    gamma: Annotated[float, Field(gt=0, le=1)] = 0.99  # of the potential-based goal term; keep equal to the trainer's
+    gamma: Annotated[float, Field(gt=0, le=1)] = 1.0  # of the goal's potential; below 1 standing still earns interest
 
 
 class Config(Frozen):

@@ -48,7 +48,7 @@ class Training(Frozen):
     worlds: Count = 32
     memory: Share = 0.5  # of the `CommandReader` that the exported policy drives with
     head: Literal["commands", "gaussian"] = "commands"
-    grain: Literal["fine", "coarse", "flat"] = "fine"  # of the image's first convolution (`policy.FIRST`)
+    grain: Literal["fine", "coarse", "flat"] = "fine"  # of the image's first convolution (`trunks.GRAINS`)
     config: dict[str, Any] = {}  # changes to `config.Config`, by dotted key  # noqa: RUF012
     max_minutes: NonNegative = 0.0  # end after the checkpoint that follows; 0 for no limit
     stages: Annotated[list[Stage], Field(min_length=1)]

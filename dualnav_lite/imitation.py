@@ -14,7 +14,8 @@ from pydantic import Field
 from dualnav_lite import streams
 from dualnav_lite.config import Frozen, NonNegative, Positive, Share
 from dualnav_lite.labels import Labels, collect_round, mirrored, unpack
-from dualnav_lite.policy import Actor, Seen, device_of
+from dualnav_lite.policy import Actor
+from dualnav_lite.trunks import Seen, device_of
 from dualnav_lite.weights import load_weights, save_weights
 
 Count = Annotated[int, Field(ge=1)]

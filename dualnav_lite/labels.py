@@ -16,7 +16,8 @@ from dualnav_lite.config import Config, write_atomic
 from dualnav_lite.env import DynamicNavVectorEnv
 from dualnav_lite.kernels import sampling as kernels
 from dualnav_lite.planners.sampling import Ceiling
-from dualnav_lite.policy import Actor, split_observations
+from dualnav_lite.policy import Actor
+from dualnav_lite.trunks import split_observations
 from dualnav_lite.weights import load_weights
 
 PIXEL_STEPS = 127  # images are kept as int8; a pixel is off by at most 1/254

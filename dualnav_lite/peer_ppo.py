@@ -16,8 +16,8 @@ from dualnav_lite.chunks import sha256
 from dualnav_lite.config import Config, UnusableInput, with_overrides
 from dualnav_lite.curriculum import Training, resolved_config, scenarios_of
 from dualnav_lite.parallel_env import ParallelVectorEnv
-from dualnav_lite.policy import ImageTrunk
 from dualnav_lite.ppo import PPO
+from dualnav_lite.trunks import ImageTrunk
 from dualnav_lite.vector_env import DynamicNavVectorEnv
 
 try:

@@ -8,10 +8,12 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from dualnav_lite.policy import Actor, Critic, make_actor, trunk_for
-from dualnav_lite.ppo import PPO, Batch, collect, make_optimizers, set_rates, update
+from dualnav_lite.collect import collect
+from dualnav_lite.policy import Actor, Critic, make_actor
+from dualnav_lite.ppo import PPO, Batch, make_optimizers, set_rates, update
 from dualnav_lite.rewards import TERMS
 from dualnav_lite.rollout import RunningDeviation
+from dualnav_lite.trunks import trunk_for
 
 
 def learn_ppo(

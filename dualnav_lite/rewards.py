@@ -75,16 +75,18 @@ def article_potential(distance):
 
 
 def shaping(before, after, reached, gamma, potential=linear_potential):
-    """gamma * Phi(s') - Phi(s): pays for progress without changing which policy is best.
+    """gamma * Phi(s') - Phi(s): pays for progress.
 
-    Over a run the discounted sum telescopes to gamma^T Phi(s_T) - Phi(s_0), which no behaviour on the way can change.
-    Phi is 0 at arrival. After a failure it keeps its value, so a failure costs the way that was left as well; the
+    With the trainer's gamma the discounted sum over a run telescopes to gamma^T Phi(s_T) - Phi(s_0), which no behaviour
+    on the way can change: the best policy stays the best. But a robot that stands earns (1 - gamma) |Phi| a step, as
+    much as one that drives, so nothing leads a beginner to the goal. With gamma 1, the environment's default, a metre of
+    progress is worth the same whenever it is made, and standing still nothing. Phi is 0 at arrival. After a failure it keeps its value, so a failure costs the way that was left as well; the
     optimal policy is that of a reward with this terminal in place of a constant one.
 
     Args:
         before, after: (...,) way to the goal [m].
         reached: (...,) bool.
-        gamma: discount of the trainer.
+        gamma: discount of the trainer, or 1.
         potential: function of the way.
 
     Returns:

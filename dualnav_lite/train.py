@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from dualnav_lite import deploy, streams
+from dualnav_lite.collect import collect
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.curriculum import (
     Stage,
@@ -23,11 +24,12 @@ from dualnav_lite.encoder import num_channels
 from dualnav_lite.env import DynamicNavVectorEnv
 from dualnav_lite.imitation import imitate
 from dualnav_lite.parallel_env import ParallelVectorEnv
-from dualnav_lite.policy import Actor, Critic, make_actor, trunk_for
-from dualnav_lite.ppo import Batch, collect, make_optimizers, set_rates, update
+from dualnav_lite.policy import Actor, Critic, make_actor
+from dualnav_lite.ppo import Batch, make_optimizers, set_rates, update
 from dualnav_lite.progress import Log, Reporter
 from dualnav_lite.rewards import TERMS
 from dualnav_lite.rollout import RunningDeviation
+from dualnav_lite.trunks import trunk_for
 from dualnav_lite.weights import load_weights, save_weights
 
 

@@ -244,7 +244,8 @@ def _driver_of_weights(content: bytes):
 
     from dualnav_lite.command_reader import CommandReader
     from dualnav_lite.config import Hardware
-    from dualnav_lite.policy import GRAINS, make_actor
+    from dualnav_lite.policy import make_actor
+    from dualnav_lite.trunks import GRAINS
 
     state = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
     first = state["trunk.convolutions.0.weight"]

@@ -8,7 +8,8 @@ import torch
 from dualnav_lite.config import Config, Hardware, UnusableInput, with_overrides
 from dualnav_lite.deploy import EmbeddedPolicy, card_of, export, make_driver
 from dualnav_lite.planners.sampling import command_grid
-from dualnav_lite.policy import HIDDEN, Actor, CommandGridHead, ImageTrunk, make_actor
+from dualnav_lite.policy import Actor, CommandGridHead, make_actor
+from dualnav_lite.trunks import HIDDEN, ImageTrunk
 
 
 def untrained(channels=4):

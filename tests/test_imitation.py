@@ -10,7 +10,8 @@ from dualnav_lite.imitation import Imitation, fit, imitate, imitation_loss
 from dualnav_lite.kernels import sampling as kernels
 from dualnav_lite.labels import MIRRORED_BANDS, Labels, Noise, Teacher, collect, mirrored, pack, unpack
 from dualnav_lite.planners.sampling import Ceiling, command_grid
-from dualnav_lite.policy import Seen, make_actor, split_observations
+from dualnav_lite.policy import make_actor
+from dualnav_lite.trunks import Seen, split_observations
 from dualnav_lite.weights import load_weights, save_weights
 
 DRAWN = with_overrides(Config(), {"preference": "drawn"})

@@ -6,16 +6,8 @@ from dualnav_lite.command_reader import CommandReader
 from dualnav_lite.config import Hardware, Observation
 from dualnav_lite.encoder import BANDS, EGO, MOTION, STATIC, Ego, encode_states, read_bands
 from dualnav_lite.planners.sampling import command_grid
-from dualnav_lite.policy import (
-    HIDDEN,
-    Actor,
-    CommandGridHead,
-    Critic,
-    GaussianHead,
-    ImageTrunk,
-    split_observations,
-    trunk_for,
-)
+from dualnav_lite.policy import Actor, CommandGridHead, Critic, GaussianHead, make_actor
+from dualnav_lite.trunks import HIDDEN, ImageTrunk, Seen, joined, split_observations, trunk_for
 
 GRID = command_grid(Hardware())
 
@@ -57,6 +49,25 @@ def test_every_band_and_every_image_channel_reaches_the_action(channels, grain):
     images, bands = split_observations(batch.grad)
     assert (images.abs().amax(dim=(0, 2, 3)) > 0).all()
     assert (bands.abs() > 0).all()
+
+
+@pytest.mark.parametrize("grain", ["fine", "coarse", "flat"])
+def test_what_a_trunk_has_looked_at_once_gives_the_same_features_row_by_row(grain):
+    actor = make_actor((4, 64, 64), "commands", [0.8, 1.2], grain)
+    batch = torch.from_numpy(observations(8))
+    seen = actor.trunk.look(batch)
+    assert len(seen) == 8
+    assert torch.equal(actor(seen), actor(batch))
+    rows = torch.tensor([5, 0, 6])
+    np.testing.assert_allclose(actor(seen[rows]).detach(), actor(batch[rows]).detach(), atol=1e-6)
+    assert torch.equal(joined(seen.split(3)).images, seen.images)
+
+
+def test_the_coarse_network_sees_means_of_four_cells():
+    images = torch.rand(2, 3, 64, 64)
+    seen = Seen.of(images, torch.zeros(2, 10), halve=True)
+    assert seen.images.shape == (2, 32, 32, 3)
+    assert float(seen.images[1, 4, 7, 2]) == pytest.approx(float(images[1, 2, 8:10, 14:16].mean()))
 
 
 def test_memory_layout_changes_no_result():

@@ -116,7 +116,7 @@ def test_terms_of_the_repaired_form_by_hand():
     assert terms["safe"] == pytest.approx(-0.4)
     assert terms["dynamic"] == pytest.approx(-0.3)
     assert terms["energy"] == pytest.approx(-0.02)
-    assert terms["goal"] == pytest.approx(0.99 * -49.0 + 50.0)
+    assert terms["goal"] == pytest.approx(1.0)
     assert terms["terminal"] == 0
 
 
@@ -159,8 +159,28 @@ def test_loitering_near_the_goal_pays_only_in_the_article():
     loiter = transition(path_before=0.5, path_after=0.5, goal_distance=0.5)
     discounted = reward_terms(loiter, ARTICLE)["goal"] / (1 - 0.99)
     assert discounted == pytest.approx(271, abs=1)
-    ours = REPAIRED.goal * reward_terms(loiter, REPAIRED)["goal"] / (1 - 0.99)
-    assert ours < reward_terms(transition(reached=True), REPAIRED)["terminal"]
+    assert reward_terms(loiter, REPAIRED)["goal"] == 0
+
+
+def test_a_discounted_potential_pays_a_standing_robot_as_much_as_a_driving_one_that_never_arrives():
+    def worth(speed, gamma):
+        """Discounted goal term of 800 steps down a way of 100 m."""
+        way = 100.0 - speed * 0.1 * np.arange(801)
+        return sum(0.99**t * shaping(a, b, False, gamma) for t, (a, b) in enumerate(itertools.pairwise(way)))
+
+    left = 0.99**800 * linear_potential(36.0) - 0.99**800 * linear_potential(100.0)  # what the end leaves over
+    assert worth(0.8, 0.99) - worth(0.0, 0.99) == pytest.approx(left)
+    assert worth(0.0, 1.0) == 0
+    assert worth(0.8, 1.0) > 70
+
+
+def test_driving_to_and_fro_pays_less_than_arriving():
+    """With gamma 1 in the potential the discount leaves something of a step forth that is taken back later."""
+    leg = 0.08 * np.arange(51)
+    way = np.tile(np.concatenate([4.0 - leg[:-1], leg[:-1]]), 30)  # 4 m there, 4 m back
+    swing = REPAIRED.goal * sum(0.99**t * shaping(a, b, False, 1.0) for t, (a, b) in enumerate(itertools.pairwise(way)))
+    arrival = REPAIRED.goal * sum(0.99**t * 0.8 for t in range(50)) + 0.99**50 * 10.0
+    assert 0 < swing < 0.3 * arrival
 
 
 def test_gradient_towards_the_goal_is_the_same_at_ten_metres_as_at_one():

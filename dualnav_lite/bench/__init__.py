@@ -14,6 +14,7 @@ import numpy as np
 from dualnav_lite.bench import peers
 from dualnav_lite.bench.learning import learning_rows
 from dualnav_lite.bench.rows import NOT_INSTALLED, Row, row_line, rows_csv
+from dualnav_lite.chunks import CHUNK_LONG_RUNS
 from dualnav_lite.config import Config, with_overrides, write_atomic
 from dualnav_lite.interface import split_infos
 from dualnav_lite.layout import Layout, generate
@@ -82,13 +83,17 @@ def steps_per_second(env, seconds: float) -> float:
 
 
 def step_rows(scenario: Scenario, config: Config, seconds: float) -> list[Row]:
-    """Full control steps a second: physics, scan, map, motion, guide, encoding, reward, info."""
+    """Full control steps a second and core: physics, scan, map, motion, guide, encoding, reward, info.
+
+    SPEC 11's targets are held against 8 worlds, as training and `evaluate` drive them; what one world reaches, a student's
+    own loop, stands beside it.
+    """
     rows = []
     for method, what, target, aim in (("farneback", FLOW_STEP, 1_500, 3_000), ("forecast", STEP, 5_000, 10_000)):
         settings = with_overrides(config, {"observation.motion.method": method})
-        for num_envs, note in ((1, ""), (8, ", 8 worlds")):
-            rate = steps_per_second(DynamicNavVectorEnv(num_envs, settings, scenario), seconds)
-            rows.append(Row(what + note, rate, "/s", target, aim))
+        alone = steps_per_second(DynamicNavVectorEnv(1, settings, scenario), seconds)
+        together = steps_per_second(DynamicNavVectorEnv(8, settings, scenario), seconds)
+        rows += [Row(what, alone, "/s"), Row(f"{what}, 8 worlds", together, "/s", target, aim)]
     return rows
 
 
@@ -151,19 +156,21 @@ def start_row() -> Row:
 
 
 def long_run_row(config: Config, seconds: float) -> Row:
-    """Three hours in one world with A* at the wheel, extrapolated from its first minutes [s]."""
-    env = DynamicNavVectorEnv(1, config, load_scenario("battery"))
+    """Three hours with A* at the wheel [s a core]: five runs side by side, as `evaluate` drives them, from their start."""
+    env = DynamicNavVectorEnv(CHUNK_LONG_RUNS, config, load_scenario("battery"))
     driver = make_planner("astar", config)
     observations, infos = env.reset(seed=SEED)
-    driver.reset(np.arange(1))
+    driver.reset(np.arange(CHUNK_LONG_RUNS))
 
     def step():
         nonlocal observations, infos
-        observations, _, _, _, infos = env.step(driver.act(observations, split_infos(infos, 1)))
+        observations, _, _, _, infos = env.step(driver.act(observations, split_infos(infos, CHUNK_LONG_RUNS)))
 
     # Blocks of a minute, so that each holds driving and waiting for the next goal.
-    total = LONG_RUN_STEPS * seconds_per_call(step, seconds, 600)
-    return Row("three-hour run with A*, extrapolated", total, "s", 60.0, 15.0, smaller_is_better=True)
+    total = LONG_RUN_STEPS * seconds_per_call(step, seconds, 600) / CHUNK_LONG_RUNS
+    return Row(
+        "three-hour run with A*, one of 5 side by side, extrapolated", total, "s", 60.0, 15.0, smaller_is_better=True
+    )
 
 
 def run(out: Path, *, seconds: float = 2.0, with_peers: bool = True) -> list[Row]:

@@ -10,8 +10,9 @@ from torch import nn
 
 from dualnav_lite import ppo
 from dualnav_lite.check.verdict import Text, Wrong, expect, hold, shown, verdict_on
-from dualnav_lite.policy import Actor, Critic, VectorTrunk, layer
+from dualnav_lite.policy import Actor, Critic
 from dualnav_lite.ppo import PPO, Batch
+from dualnav_lite.trunks import VectorTrunk, layer
 
 # policy_loss(log_probs, old_log_probs, advantages, clip_range)
 

@@ -139,17 +139,21 @@ COMMANDED = Text(
     "the article's |v| + 0.5 |omega|: the same for any speed over a given way. Use joules",
     "这是原文的 |v| + 0.5 |omega|：同一段路程不论快慢都一样。请用焦耳",
 )
+INTEREST = Text(
+    "gamma 1 in here: with 0.99 a robot that stands still earns interest on the way it has left",
+    "这里 gamma 取 1：取 0.99 时，站着不动也会按剩余路程得到“利息”",
+)
 UNSCALED = Text("times ENERGY_SCALE", "还要乘以 ENERGY_SCALE")
 NO_REFERENCE = Text("joules of this step over those of a step at full speed", "本步焦耳数除以全速一步的焦耳数")
 
 
 def each_term_is_right(mine):
-    expected = {"safe": -0.4, "dynamic": -0.25, "energy": -0.02, "goal": 0.99 * -29.2 + 30.0, "terminal": 0.0}
+    expected = {"safe": -0.4, "dynamic": -0.25, "energy": -0.02, "goal": 0.8, "terminal": 0.0}
     usual = {
         "safe": [(-10.0 * 0.3, SIGN), (0.0, FROM_HULL), (-0.18, WEIGHTED)],
         "dynamic": [(0.25, POSITIVE), (-0.2 * 5.0, PREDICTION), (-0.0625, WEIGHTED)],
         "energy": [(0.02, SPENT), (-(0.5 + 0.1) * 2.0, COMMANDED), (-0.5, UNSCALED), (-0.08, NO_REFERENCE)],
-        "goal": [(3.0 * np.exp(-2.5 / 5.0), ARTICLE_GOAL), (0.8, NO_GAMMA)],
+        "goal": [(3.0 * np.exp(-2.5 / 5.0), ARTICLE_GOAL), (0.99 * -29.2 + 30.0, INTEREST)],
         "terminal": [],
     }
     for name in NAMES:

@@ -4,8 +4,6 @@ import numpy as np
 
 from grading.tasks import Question
 
-GAMMA = 0.99  # of the lesson's given cell
-
 
 def _right(t: dict[str, np.ndarray]) -> np.ndarray:
     rows = []
@@ -18,7 +16,7 @@ def _right(t: dict[str, np.ndarray]) -> np.ndarray:
                 -10.0 * missing**2,
                 -t["intrusion"][k],
                 -0.04 * t["energy_j"][k] / t["reference_j"][k],
-                GAMMA * after + 10.0 * t["path_before"][k],
+                after + 10.0 * t["path_before"][k],
                 -10.0 if failed else 10.0 if t["reached"][k] else 0.0,
             ]
         )

@@ -29,8 +29,10 @@ from dualnav_lite.figures.lesson import BLUE, GREEN, GREY, ORANGE, lesson_style
 from dualnav_lite.notebooks import ROOT
 from dualnav_lite.parallel_env import ParallelVectorEnv
 from dualnav_lite.parts import part
-from dualnav_lite.policy import Critic, make_actor, trunk_for
-from dualnav_lite.ppo import Batch, collect, make_optimizers
+from dualnav_lite.policy import Critic, make_actor
+from dualnav_lite.trunks import trunk_for
+from dualnav_lite.collect import collect
+from dualnav_lite.ppo import Batch, make_optimizers
 from dualnav_lite.rewards import TERMS
 from dualnav_lite.rollout import RunningDeviation
 from dualnav_lite.survival import survival
