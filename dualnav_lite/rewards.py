@@ -79,8 +79,10 @@ def shaping(before, after, reached, gamma, potential=linear_potential):
 
     With the trainer's gamma the discounted sum over a run telescopes to gamma^T Phi(s_T) - Phi(s_0), which no behaviour
     on the way can change: the best policy stays the best. But a robot that stands earns (1 - gamma) |Phi| a step, as
-    much as one that drives, so nothing leads a beginner to the goal. With gamma 1, the environment's default, a metre of
-    progress is worth the same whenever it is made, and standing still nothing. Phi is 0 at arrival. After a failure it keeps its value, so a failure costs the way that was left as well; the
+    much as one that drives, so nothing leads a beginner to the goal. With gamma 1, the environment's default, a metre
+    is worth the same whenever it is driven, and standing still nothing.
+
+    Phi is 0 at arrival. After a failure it keeps its value, so a failure costs the way that was left as well; the
     optimal policy is that of a reward with this terminal in place of a constant one.
 
     Args:

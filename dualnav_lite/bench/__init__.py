@@ -85,8 +85,8 @@ def steps_per_second(env, seconds: float) -> float:
 def step_rows(scenario: Scenario, config: Config, seconds: float) -> list[Row]:
     """Full control steps a second and core: physics, scan, map, motion, guide, encoding, reward, info.
 
-    SPEC 11's targets are held against 8 worlds, as training and `evaluate` drive them; what one world reaches, a student's
-    own loop, stands beside it.
+    SPEC 11's targets are held against 8 worlds, as training and `evaluate` drive them; what one world alone reaches
+    stands beside it.
     """
     rows = []
     for method, what, target, aim in (("farneback", FLOW_STEP, 1_500, 3_000), ("forecast", STEP, 5_000, 10_000)):
@@ -156,7 +156,7 @@ def start_row() -> Row:
 
 
 def long_run_row(config: Config, seconds: float) -> Row:
-    """Three hours with A* at the wheel [s a core]: five runs side by side, as `evaluate` drives them, from their start."""
+    """Three hours with A* at the wheel, five runs side by side as `evaluate` drives them [s a run and core]."""
     env = DynamicNavVectorEnv(CHUNK_LONG_RUNS, config, load_scenario("battery"))
     driver = make_planner("astar", config)
     observations, infos = env.reset(seed=SEED)
