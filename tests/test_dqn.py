@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from dualnav_lite.beyond.dqn import DQN, QNetwork, ReplayBuffer, explore, td_target, train_dqn
+from dualnav_lite.dqn import DQN, QNetwork, ReplayBuffer, explore, td_target, train_dqn
 
 
 class Table(QNetwork):
@@ -21,9 +21,9 @@ class Table(QNetwork):
 
 
 def test_the_target_is_chosen_by_one_network_and_valued_by_the_other():
-    network, target = Table([[1.0, 5.0], [2.0, 1.0]]), Table([[10.0, 20.0], [30.0, 40.0]])
-    after = torch.tensor([[0.0], [1.0], [1.0]])
-    wanted = td_target(network, target, torch.tensor([1.0, 1.0, 1.0]), after, torch.tensor([False, False, True]), 0.5)
+    values = torch.tensor([[1.0, 5.0], [2.0, 1.0], [2.0, 1.0]])
+    slow = torch.tensor([[10.0, 20.0], [30.0, 40.0], [30.0, 40.0]])
+    wanted = td_target(values, slow, torch.ones(3), torch.tensor([False, False, True]), 0.5)
     # State 0: action 1 is best, worth 20. State 1: action 0 is best, worth 30 though 40 stands beside. Then the end.
     assert wanted.tolist() == [1.0 + 0.5 * 20.0, 1.0 + 0.5 * 30.0, 1.0]
 
@@ -36,8 +36,8 @@ def test_an_action_that_does_not_exist_is_neither_taken_nor_believed():
     state = np.zeros((50, 1), np.float32)
     assert set(network.best(state)) == {0}
     assert set(explore(network, state, 1.0, np.random.default_rng(0), mask)) == {0}
-    target = Table([[3.0, 100.0]], mask)
-    assert td_target(network, target, torch.zeros(1), torch.zeros(1, 1), torch.tensor([False]), 1.0).item() == 3.0
+    values, slow = network(torch.zeros(1, 1)), Table([[3.0, 100.0]], mask)(torch.zeros(1, 1))
+    assert td_target(values, slow, torch.zeros(1), torch.tensor([False]), 1.0).item() == 3.0
 
 
 def test_epsilon_is_the_share_of_free_choices():

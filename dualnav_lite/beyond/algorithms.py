@@ -17,8 +17,8 @@ import torch
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from dualnav_lite.beyond.dqn import DQN, train_dqn
 from dualnav_lite.config import Config, UnusableInput, with_overrides
+from dualnav_lite.dqn import DQN, train_dqn
 from dualnav_lite.encoder import BANDS, read_bands
 from dualnav_lite.env import DynamicNavVectorEnv
 from dualnav_lite.episodes import OUTCOMES, SEEDS

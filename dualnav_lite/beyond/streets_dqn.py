@@ -4,7 +4,6 @@ import numpy as np
 import pandas as pd
 
 from dualnav_lite import streams
-from dualnav_lite.beyond.dqn import DQN, QNetwork, train_dqn
 from dualnav_lite.beyond.streets import (
     DAY_MIN,
     StreetsVectorEnv,
@@ -16,6 +15,7 @@ from dualnav_lite.beyond.streets import (
     street_mask,
     weigh,
 )
+from dualnav_lite.dqn import DQN, QNetwork, td_target, train_dqn
 from dualnav_lite.episodes import SEEDS
 from dualnav_lite.metrics import mean_interval, wilson_interval
 
@@ -29,10 +29,12 @@ COLUMNS = [
 ]  # fmt: skip
 
 
-def train_walker(town: Town, steps: int = STEPS, seed: int = 0, goals=(GOAL,), on_step=lambda infos, share: None):
+def train_walker(
+    town: Town, steps: int = STEPS, seed: int = 0, goals=(GOAL,), on_step=lambda infos, share: None, targets=td_target
+):
     """A Q-network that knows the way home at any hour for any preference."""
     env = StreetsVectorEnv(WALKERS, town, goals)
-    return train_dqn(env, SETTINGS, steps, seed, street_mask, HIDDEN, on_step)
+    return train_dqn(env, SETTINGS, steps, seed, street_mask, HIDDEN, on_step, targets)
 
 
 def draw_trips(town: Town, count: int, seed: int = SEEDS["test"].start, goal: int = GOAL, apart_m: float = 300.0):

@@ -21,6 +21,8 @@ LESSONS: dict[str, tuple[str, ...]] = {
     "09_rollout_and_gae": ("gae",),
     "10_ppo": ("policy_loss", "value_loss", "update"),
     "12_two_objectives": ("pareto_front",),
+    "16_second_world": ("car_safe",),
+    "17_streets_dqn": ("td_target",),
 }
 PASSED = Text("{id}: passed, {n} properties hold", "{id}：通过，{n} 条性质成立")
 FAILED = Text("{id}: not yet", "{id}：还不对")

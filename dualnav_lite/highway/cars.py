@@ -109,19 +109,29 @@ class CarTransition:
     collided: bool
 
 
+def car_safe(clearance, time_gap, safe_m: float) -> float:
+    """r_safe of a car in [-0.9, 0]: a squared hinge of the gap or of the time gap, whichever is worse.
+
+    Args:
+        clearance: least gap to another body or a wall [m]; safe_m: below it the gap counts [m].
+        time_gap: see `time_gap` [s]; below 1.5 s it counts.
+
+    Source: article 4.2, for bodies that cannot stop at once.
+    """
+    return -TERM_RANGE * max(1.0 - clearance / safe_m, 1.0 - time_gap / TIME_GAP_S, 0.0) ** 2
+
+
 def car_terms(t: CarTransition) -> dict[str, float]:
     """The five terms of a step, before any weight, in the order of `rewards.TERMS` and in the robot's ranges.
 
-    safe: a squared hinge (article 4.2) of the gap below `safe_m` or of the time gap below 1.5 s, whichever is worse;
-    dynamic: minus the predicted intrusion; energy: joules over those of the usual speed; goal: metres of way
-    gained, so a way back costs what the way forth paid; terminal: arrival and contact.
+    safe: `car_safe`; dynamic: minus the predicted intrusion; energy: joules over those of the usual speed; goal: metres
+    of way gained, so a way back costs what the way forth paid; terminal: arrival and contact.
 
     The goal term is not discounted, as the robot's is not (`rewards.shaping`): otherwise 0 of 50 cars arrived after
     60,000 steps of parking.
     """
-    missing = max(1.0 - t.clearance / t.safe_m, 1.0 - t.time_gap / TIME_GAP_S, 0.0)
     return {
-        "safe": -TERM_RANGE * missing**2,
+        "safe": car_safe(t.clearance, t.time_gap, t.safe_m),
         "dynamic": -t.intrusion,
         "energy": -t.energy_scale * t.energy_j / t.reference_j,
         "goal": float(shaping(t.way_before, t.way_after, t.reached, 1.0, lambda way: -GOAL_SCALE * way / t.way_scale)),

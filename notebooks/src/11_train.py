@@ -21,6 +21,7 @@ import numpy as np
 import torch
 from IPython.display import clear_output
 
+from dualnav_lite.collect import collect
 from dualnav_lite.curriculum import load_training, resolved_config
 from dualnav_lite.deploy import card_of, export
 from dualnav_lite.env import DynamicNavVectorEnv
@@ -30,12 +31,11 @@ from dualnav_lite.notebooks import ROOT
 from dualnav_lite.parallel_env import ParallelVectorEnv
 from dualnav_lite.parts import part
 from dualnav_lite.policy import Critic, make_actor
-from dualnav_lite.trunks import trunk_for
-from dualnav_lite.collect import collect
 from dualnav_lite.ppo import Batch, make_optimizers
 from dualnav_lite.rewards import TERMS
 from dualnav_lite.rollout import RunningDeviation
 from dualnav_lite.survival import survival
+from dualnav_lite.trunks import trunk_for
 
 torch.set_num_threads(1 if quick else 2)
 lesson_style()

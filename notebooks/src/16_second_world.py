@@ -19,6 +19,8 @@ quick = False  # the tests train for a few seconds, which teaches nothing
 import numpy as np
 import torch
 
+from dualnav_lite.check import check
+
 # %%
 import matplotlib.pyplot as plt
 import pandas as pd
@@ -78,7 +80,33 @@ print(f"{observation.shape[0]} numbers seen, actions up to {[round(float(most), 
 # | goal | metres of way gained, along free space | metres of way gained, as **a car can drive them** |
 # | terminal | +10 arrived, -10 touched | the same |
 #
-# Energy first. As for the robot there is a cheapest speed: being switched on costs by the second, drag by the speed.
+# **Exercise `car_safe`** (medium, 5 minutes). How much of what is asked for is missing: of the gap, $1 - d / d_{safe}$; of
+# the time to the car ahead, $1 - t / 1.5\,\mathrm{s}$. The worse of the two counts, squared, and a contact costs 0.9. Numbers,
+# no arrays; `time_gap` is infinite where nobody is ahead.
+
+# %% grade_id="car_safe" tags=["solution"]
+def car_safe(clearance, time_gap, safe_m):
+    """Penalty in [-0.9, 0] for being near another body, or close behind one."""
+    ### BEGIN SOLUTION
+    missing = max(1.0 - clearance / safe_m, 1.0 - time_gap / 1.5, 0.0)
+    return -0.9 * missing**2
+    ### END SOLUTION
+
+
+# %% grade_id="car_safe_check" points=2 tags=["check"]
+check("car_safe", car_safe)
+
+# %% [markdown]
+# Why seconds, and not metres, behind another car? At 25 m/s, two metres are nothing:
+
+# %%
+for speed in (3.0, 25.0):
+    print(f"8 m behind a car at {speed:.0f} m/s: {car_safe(8.0, 8.0 / speed, 1.0) + 0.0:.2f}")
+# expect: 8 m behind a car at 3 m/s: 0.00
+# expect: 8 m behind a car at 25 m/s: -0.56
+
+# %% [markdown]
+# Now energy. As for the robot there is a cheapest speed: being switched on costs by the second, drag by the speed.
 
 # %%
 speeds = np.arange(3.0, 31.0)

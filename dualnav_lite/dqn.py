@@ -108,18 +108,29 @@ class ReplayBuffer:
         return tuple(torch.from_numpy(values[rows]) for values in kept)
 
 
-def td_target(network: QNetwork, target: QNetwork, rewards, next_observations, terminated, gamma: float):
-    """(n,) what Q(s, a) should have been: r + gamma (1 - terminated) Q'(s', argmax_a Q(s', a)) (details 3 to 5)."""
-    with torch.no_grad():
-        best = network(next_observations).argmax(dim=1, keepdim=True)
-        following = target(next_observations).gather(1, best)[:, 0]
-        return rewards + gamma * torch.where(terminated, torch.zeros_like(following), following)
+def td_target(values, slow_values, rewards, terminated, gamma: float):
+    """What Q(s, a) should have been: r + gamma (1 - terminated) Q'(s', argmax_a Q(s', a)) (details 3 to 5).
+
+    Args:
+        values, slow_values: (n, actions) tensors, Q(s', .) and Q'(s', .); -inf for actions that do not exist.
+        rewards: (n,) r.
+        terminated: (n,) bool.
+
+    Returns:
+        (n,) tensor.
+
+    Source: van Hasselt, Guez, Silver 2016, eq. 4.
+    """
+    following = slow_values.gather(1, values.argmax(dim=1, keepdim=True))[:, 0]
+    return rewards + gamma * torch.where(terminated, torch.zeros_like(following), following)
 
 
-def update(network: QNetwork, target: QNetwork, optimizer, minibatch, settings: DQN) -> float:
-    """Learn from one minibatch and let the target follow; the loss."""
+def update(network: QNetwork, target: QNetwork, optimizer, minibatch, settings: DQN, targets=td_target) -> float:
+    """Learn from one minibatch and let the target follow; the loss. `targets` stands in for `td_target`."""
     observations, actions, rewards, next_observations, terminated = minibatch
-    wanted = td_target(network, target, rewards, next_observations, terminated, settings.gamma)
+    with torch.no_grad():
+        following = network(next_observations), target(next_observations)
+        wanted = targets(*following, rewards, terminated, settings.gamma)
     values = network(observations).gather(1, actions[:, None])[:, 0]
     loss = nn.functional.smooth_l1_loss(values, wanted)
     if not torch.isfinite(loss):
@@ -152,6 +163,7 @@ def train_dqn(
     mask=None,
     hidden: int = 128,
     on_step=lambda infos, share: None,
+    targets: Callable = td_target,
 ) -> QNetwork:
     """Learn in a vector environment with same-step autoreset and discrete actions.
 
@@ -162,6 +174,7 @@ def train_dqn(
         seed: of weights, draws and the worlds' first episodes.
         mask, hidden: as in `QNetwork`.
         on_step: called with the infos of each step and the share of the training that is done.
+        targets: in place of `td_target`.
 
     Returns:
         The network; `best` is its policy.
@@ -187,7 +200,7 @@ def train_dqn(
         if buffer.count >= settings.learning_starts:
             due += env.num_envs / settings.train_every
             while due >= 1.0:
-                update(network, target, optimizer, buffer.draw(settings.minibatch, rng), settings)
+                update(network, target, optimizer, buffer.draw(settings.minibatch, rng), settings, targets)
                 due -= 1.0
         on_step(infos, share)
     return network

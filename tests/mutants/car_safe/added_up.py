@@ -1,0 +1,3 @@
+# hint: not both added up
+def car_safe(clearance, time_gap, safe_m):
+    return -0.9 * (max(0.0, 1.0 - clearance / safe_m) ** 2 + max(0.0, 1.0 - time_gap / 1.5) ** 2)
