@@ -66,6 +66,7 @@ plt.show()
 print(f"{observation.shape[0]} numbers seen, actions up to {[round(float(most), 2) for most in env.action_space.high]}")
 (pd.Series(info["reward_terms"]).round(3) + 0.0).to_frame("reward term").T
 
+
 # %% [markdown]
 # The green car wants into the blue spot, nose first; the picture follows it. Walls that are not drawn stand around the
 # place, 34.5 m and 20.5 m from its middle. Another seed, another spot.
