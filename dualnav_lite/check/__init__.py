@@ -21,6 +21,8 @@ LESSONS: dict[str, tuple[str, ...]] = {
     "09_rollout_and_gae": ("gae",),
     "10_ppo": ("policy_loss", "value_loss", "update"),
     "12_two_objectives": ("pareto_front",),
+    "13_stress": ("wilson_interval",),
+    "14_deploy": ("ticks_to_answer",),
     "16_second_world": ("car_safe",),
     "17_streets_dqn": ("td_target",),
 }

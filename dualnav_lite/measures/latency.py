@@ -14,6 +14,7 @@ from dualnav_lite.measures.kept import all_kept, fingerprint
 from dualnav_lite.measures.tables import Options
 from dualnav_lite.safety import SafetyFilter
 from dualnav_lite.scenario import load_scenario
+from dualnav_lite.twin import commands_differ
 
 STAGES = ("scan", "map", "guide", "encode", "policy", "filter", "PID", "total")
 LATENCY_COLUMNS = ["stage", "p50_ms", "p95_ms", "p99_ms", "n"]
@@ -21,7 +22,6 @@ WARM_UP = 50  # control steps that are not counted
 STEPS = 5000
 EPISODES = 200
 BLOCK = 20  # episodes that are kept together
-DIFFERS_V, DIFFERS_OMEGA = 0.05, 0.1  # [m/s], [rad/s]: SPEC 11
 SEEN_M = 0.1  # a beam that differs by more sees the box
 TICK_COLUMNS = ["seed", "event_s", "seen_s", "answered_s", "ticks"]
 
@@ -99,8 +99,7 @@ def first_answer(arm: str, seed: int) -> list[float]:
         ranges = infos["scan"][:, :, 0]
         if np.isnan(seen) and (np.abs(ranges[0] - ranges[1]) > SEEN_M).any():
             seen = now
-        gap = np.abs(actions[0] - actions[1])
-        if gap[0] > DIFFERS_V or gap[1] > DIFFERS_OMEGA:
+        if commands_differ(*actions):
             event = float(env.sim.movers.first_event_s[0])
             env.close()
             return [seed, event, seen, now, round((now - seen) / config.control_dt_s) + 1]

@@ -10,26 +10,57 @@
 # %% tags=["parameters"]
 quick = False  # the tests run this notebook with 3 rooms a scenario
 
+# %% tags=["given"]
+import numpy as np
+
+from dualnav_lite.check import check
+
+Z = 1.959964  # 95 % of a normal distribution lie within so many standard deviations
+
 # %%
 from pathlib import Path
 
 import matplotlib.pyplot as plt
-import numpy as np
 
 from dualnav_lite.evaluate import evaluate
 from dualnav_lite.figures.lesson import BLUE, GREY, ORANGE, RED, lesson_style
-from dualnav_lite.metrics import exact_interval, mcnemar_exact, paired_difference, wilson_interval
+from dualnav_lite.metrics import exact_interval, mcnemar_exact, paired_difference
 from dualnav_lite.parts import status
 from dualnav_lite.scenario import all_scenarios
 from dualnav_lite.survival import survival, survived
 
 lesson_style()
 
+
 # %% [markdown]
 # ## 1. An interval before any run
 #
 # 92 of 100 survived. The true rate is not known; it is *some* rate under which 92 of 100 is no surprise. Wilson's interval
-# holds those rates (95 %). With more runs it narrows as $1/\sqrt{n}$: four times the runs, half the width.
+# holds those rates: the $p$ from which the observed $\hat p = k/n$ is at most 1.96 standard deviations away,
+#
+# $$|\hat p - p| \le z \sqrt{\frac{p\,(1 - p)}{n}} \quad\Longrightarrow\quad
+# p = \frac{\hat p + \frac{z^2}{2n} \pm z \sqrt{\frac{\hat p\,(1 - \hat p)}{n} + \frac{z^2}{4 n^2}}}{1 + \frac{z^2}{n}}$$
+#
+# The formula of the newspapers puts $\hat p$ under the root on the left, too; then 0 of 20 is *certain* failure.
+#
+# **Exercise `wilson_interval`** (easy, important, 10 minutes). Numbers or arrays of them; $z$ is `Z`.
+
+# %% grade_id="wilson_interval" tags=["solution"]
+def wilson_interval(successes, trials):
+    """(low, high) of the rates that fit."""
+    ### BEGIN SOLUTION
+    rate = successes / trials
+    centre = rate + Z**2 / (2 * trials)
+    half = Z * np.sqrt(rate * (1 - rate) / trials + Z**2 / (4 * trials**2))
+    return (centre - half) / (1 + Z**2 / trials), (centre + half) / (1 + Z**2 / trials)
+    ### END SOLUTION
+
+
+# %% grade_id="wilson_interval_check" points=2 tags=["check"]
+check("wilson_interval", wilson_interval)
+
+# %% [markdown]
+# With more runs it narrows as $1/\sqrt{n}$: four times the runs, half the width.
 
 # %%
 counts = np.array([20, 100, 400, 1000, 4000])

@@ -13,12 +13,16 @@
 # %% tags=["parameters"]
 quick = False  # the tests run this notebook with fewer repetitions
 
+# %% tags=["given"]
+import numpy as np
+
+from dualnav_lite.check import check
+
 # %%
 import time
 from pathlib import Path
 
 import matplotlib.pyplot as plt
-import numpy as np
 import pandas as pd
 import torch
 
@@ -128,6 +132,7 @@ axis.set_xticks([0.01, 0.1, 1, 10, 100], ["0.01", "0.1", "1", "10", "100"])
 axis.legend(loc="center right")
 plt.show()
 
+
 # %% [markdown]
 # On a laptop this is far below the 100 ms of a control step. What the robot's own computer needs must be measured there.
 #
@@ -137,6 +142,26 @@ plt.show()
 # pops up; which is the *first command that would have been another one without it*? So drive the same episode twice, side by
 # side, with the box and without. From the first scan that shows the box, count ticks of 0.1 s until the commands differ by
 # more than 0.05 m/s or 0.1 rad/s.
+#
+# **Exercise `ticks_to_answer`** (easy, 10 minutes). Two arrays of commands, (steps, 2), the drive with the box and its twin
+# without; `seen` is the step whose scan shows the box first. The command of that very step is tick 1. No command differs
+# from there on? `float("nan")`.
+
+# %% grade_id="ticks_to_answer" tags=["solution"]
+def ticks_to_answer(driven, twin, seen):
+    """Control steps from the first scan of the box to the first command that it changed."""
+    ### BEGIN SOLUTION
+    gap = np.abs(driven - twin)[seen:]
+    differs = (gap[:, 0] > 0.05) | (gap[:, 1] > 0.1)
+    return float(np.argmax(differs) + 1) if differs.any() else float("nan")
+    ### END SOLUTION
+
+
+# %% grade_id="ticks_to_answer_check" points=2 tags=["check"]
+check("ticks_to_answer", ticks_to_answer)
+
+# %% [markdown]
+# `first_answer` of the library counts the same way, while both drive:
 
 # %%
 asked = str(paths["onnx"]) if paths["onnx"].stem == "ppo_actor" else "ppo"

@@ -1,0 +1,9 @@
+# hint: not from the start
+import numpy as np
+
+
+def ticks_to_answer(driven, twin, seen):
+    gap = np.abs(driven - twin)
+    differs = (gap[:, 0] > 0.05) | (gap[:, 1] > 0.1)
+    steps = np.flatnonzero(differs[seen:])
+    return float(steps[0] + seen + 1) if len(steps) else float("nan")

@@ -1,0 +1,9 @@
+# hint: both count
+import numpy as np
+
+
+def ticks_to_answer(driven, twin, seen):
+    gap = twin - driven
+    differs = (gap[:, 0] > 0.05) | (gap[:, 1] > 0.1)
+    steps = np.flatnonzero(differs[seen:])
+    return float(steps[0] + 1) if len(steps) else float("nan")

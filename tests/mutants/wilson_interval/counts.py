@@ -1,0 +1,9 @@
+# hint: divide by the trials
+import numpy as np
+
+
+def wilson_interval(successes, trials):
+    rate, z, n = successes / trials, 1.959964, trials
+    centre = (rate + z * z / (2.0 * n)) / (1.0 + z * z / n)
+    half = z * np.sqrt(rate * (1.0 - rate) / n + z * z / (4.0 * n * n)) / (1.0 + z * z / n)
+    return 100.0 * (centre - half), 100.0 * (centre + half)
