@@ -7,7 +7,7 @@
 # everybody gets, since learning depends on luck; the goal is **80 %** of new rooms. The last cell prints your rate *with
 # its interval*.
 #
-# This is the whole loop of `training/lesson.yaml`: 32 worlds, plain navigation, collect 64 steps each, update, again.
+# This is the whole loop of `training/lesson.yaml`: 32 worlds, plain navigation, collect 32 steps each, update, again.
 
 # %% tags=["parameters"]
 quick = False  # the tests train for a few seconds, which teaches nothing
