@@ -53,12 +53,12 @@ def questions(rng: np.random.Generator) -> list[Question]:
         return Question(hint, t, {"values": _right(t)}, share)
 
     still = {"clearance": 2.0, "intrusion": 0.0, "energy_j": 0.0}
-    same = rng.uniform(1.0, 8.0, 8)
+    way, gained = rng.uniform(1.0, 8.0, 8), rng.uniform(-0.08, 0.08, 8)
     return [
         ask("dynamic_is_minus_intrusion", 0.1, **(still | {"intrusion": rng.uniform(0.1, 1.0, 8)})),
         ask("energy_costs_its_share", 0.2, **(still | {"energy_j": rng.uniform(0.5, 5.0, 8)})),
         ask("safe_is_of_the_clearance", 0.1, **(still | {"clearance": rng.uniform(0.0, 0.29, 8)})),
-        ask("goal_is_of_the_way", 0.1, **(still | {"path_before": same, "path_after": same - 0.05})),
+        ask("goal_is_of_the_way", 0.1, **(still | {"path_before": way, "path_after": way - gained})),
         ask("arrival_pays", 0.1, reached=True),
         ask("collision_costs", 0.1, collided=True),
         ask("flat_battery_costs", 0.1, flat_battery=True),
