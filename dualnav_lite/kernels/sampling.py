@@ -7,7 +7,6 @@ from numba import njit
 (
     HULL,
     MAX_V,
-    USUAL_V,
     MAX_OMEGA,
     MAX_ACC,
     MAX_ANG_ACC,
@@ -29,7 +28,7 @@ from numba import njit
     LANE_M,
     LANE_COST,
     CAP,
-) = range(24)
+) = range(23)
 CLEARANCE, WAY, FACTOR, CARROT = range(4)  # layers of `fields`
 _ALIGN_M = 0.3  # the way left is also read this far ahead, so that facing the right way pays
 _ALIGN_SHARE = 0.5
@@ -96,9 +95,8 @@ def _closeness(x, y, speed, t, fields, grid, circles, boxes, p):
             moving = min(moving, gap)
         else:
             fixed = min(fixed, gap)
-    # By length and not by time, so that hurrying past pays nothing and waiting before a narrow place saves nothing; by
-    # the same for every cap of the speed, or a slow robot would rather stay than pass a corner.
-    rate = speed / p[USUAL_V] * _rate(fixed, p[STATIC_MARGIN], p[STATIC_SOFT], p[MARGIN_RATE], p[STATIC_RATE])
+    # By length and not by time, so that hurrying past pays nothing and waiting before a narrow place saves nothing.
+    rate = speed / p[MAX_V] * _rate(fixed, p[STATIC_MARGIN], p[STATIC_SOFT], p[MARGIN_RATE], p[STATIC_RATE])
     rate = max(rate, _rate(moving, p[MOVING_MARGIN], p[MOVING_SOFT], p[MARGIN_RATE], p[SOFT_RATE]))
     ix, iy = int((x - grid[0]) / grid[2]), int((y - grid[1]) / grid[2])
     if 0 <= ix < fields.shape[2] and 0 <= iy < fields.shape[1]:
@@ -214,7 +212,7 @@ def score_commands(pose, twist, commands, headings, goal, fields, grid, circles,
         grid: (origin x, origin y, cell size) of the fields [m].
         circles: (c, 5) x, y, radius, vx, vy of moving things, same frame, which keep their velocity.
         boxes: (b, 8) x, y, cos, sin of the angle, half length, half width, vx, vy.
-        p: (24,) parameters, columns as named above.
+        p: (23,) parameters, columns as named above.
         costs: (k,) out, in metres of way; those more than `CAP` above the lowest are only bounds.
     """
     begin, end, dt = p[FIRST_S], p[FIRST_S] + p[SECOND_S], p[DT]

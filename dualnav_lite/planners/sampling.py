@@ -85,22 +85,17 @@ class SamplingPlanner(Planner):
         grid: (9, 11, 2) commands v [m/s], omega [rad/s].
     """
 
-    GOES_ON_S = 4.4  # how long a rollout goes on after its first command, at the hardware's top speed
-
     def __init__(self, settings: Config, max_speed: float | None = None, calm: float = 0.0):
         super().__init__(settings)
         robot = settings.robot
         self.grid = command_grid(settings.hardware, max_speed)
         self._commands = np.ascontiguousarray(self.grid.reshape(-1, 2))
         self._turning = calm * np.abs(self._commands[:, 1])
-        p = np.empty(24)
+        p = np.empty(23)
         p[kernels.HULL] = robot.hull_radius_m
         p[kernels.MAX_V], p[kernels.MAX_OMEGA] = self._commands[:, 0].max(), self.max_omega
-        p[kernels.USUAL_V] = settings.hardware.max_lin_vel
         p[kernels.MAX_ACC], p[kernels.MAX_ANG_ACC] = robot.max_lin_acc_m_s2, robot.max_ang_acc_rad_s2
-        # A slow robot looks as far as a fast one, or at corners it sees no use in going on.
-        reach = p[kernels.USUAL_V] / p[kernels.MAX_V]
-        p[kernels.FIRST_S], p[kernels.SECOND_S], p[kernels.DT] = 0.6, self.GOES_ON_S * reach, 0.1
+        p[kernels.FIRST_S], p[kernels.SECOND_S], p[kernels.DT] = 0.6, 4.4, 0.1
         p[kernels.STATIC_MARGIN], p[kernels.STATIC_SOFT] = 0.06, 0.15
         p[kernels.MOVING_MARGIN], p[kernels.MOVING_SOFT] = 0.15, 0.70
         p[kernels.GOAL_RADIUS] = 0.3  # inside the scenarios' 0.4 m
@@ -207,7 +202,11 @@ class CvSampling(SamplingPlanner):
     """
 
     TRACK_GAP_M = 0.15  # hits this close to a tracked mover are its own
-    GOES_ON_S = 2.4  # its fields end 3.2 m away and its path 3.1 m: it looks no farther
+
+    def __init__(self, settings: Config, max_speed: float | None = None, calm: float = 0.0):
+        super().__init__(settings, max_speed, calm)
+        # Its fields end 3.2 m away and its path 3.1 m: it looks no farther.
+        self._parameters[kernels.SECOND_S] = 2.4
 
     def _score(self, i, info, costs):
         tracks = info["tracks"]
