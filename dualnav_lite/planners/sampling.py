@@ -15,6 +15,7 @@ SPEEDS = np.array([-1.0, -0.5, 0.0, 0.25, 0.375, 0.5, 0.65, 0.8, 1.0])  # shares
 TURNS = np.linspace(-1.0, 1.0, 11)  # shares of the fastest turn
 HEADINGS = np.linspace(-np.pi, np.pi, 8, endpoint=False)  # that may follow a command, fixed in the world
 STANDING_M_S = 0.05
+WAIT_M, WAIT_COST = 5.0, 1.0  # what moves nearer than that may be waited for; what standing may save [m of way]
 SOLID_VALUE = 0.3  # of a map crop: door jambs and all that is solid, not the unknown
 # Factor on a step's length by the gap [m] the hull would have there: to fixed things, to boxes that stand, and to
 # people who stand, who may walk on at any moment; a waiting group is worth a detour of metres.
@@ -151,6 +152,7 @@ class Ceiling(SamplingPlanner):
 
     def __init__(self, settings: Config, max_speed: float | None = None, calm: float = 0.0):
         super().__init__(settings, max_speed, calm)
+        self._goes = self._commands[:, 0] > 0.0
         self._kept: dict[int, tuple] = {}
         self.margins = 1.0
 
@@ -158,6 +160,33 @@ class Ceiling(SamplingPlanner):
         """Forget the fields of the worlds listed."""
         for i in indices:
             self._kept.pop(int(i), None)
+
+    def command(self, i, info):
+        """The cheapest command of the grid; who stands goes on unless something moves nearby that may be waited for.
+
+        A first command and one way to go on look a few metres far: before a corner the standing start often reaches as
+        much as any other, and a robot that saves its turns (`calm`) would stand there for ever.
+        """
+        costs = np.empty(len(self._commands))
+        self._score(i, info, costs)
+        going = np.where(self._goes, costs, np.inf)
+        stands = np.abs(info["truth"]["twist"]).max() < STANDING_M_S
+        if stands and going.min() < costs.min() + WAIT_COST and not self._is_anything_coming(info["truth"]):
+            costs = going
+        return self._commands[costs.argmin()]
+
+    @staticmethod
+    def _is_anything_coming(truth) -> bool:
+        """Whether something moves within `WAIT_M`."""
+        for places, velocities, count in (
+            ("circles", "circle_velocities", "num_circles"),
+            ("boxes", "box_velocities", "num_boxes"),
+        ):
+            k = int(truth[count])
+            near = np.hypot(*(truth[places][:k, :2] - truth["pose"][:2]).T) < WAIT_M
+            if (near & (np.hypot(*truth[velocities][:k].T) > STANDING_M_S)).any():
+                return True
+        return False
 
     def _score(self, i, info, costs):
         truth = info["truth"]
