@@ -152,7 +152,6 @@ class Ceiling(SamplingPlanner):
 
     def __init__(self, settings: Config, max_speed: float | None = None, calm: float = 0.0):
         super().__init__(settings, max_speed, calm)
-        self._goes = self._commands[:, 0] > 0.0
         self._kept: dict[int, tuple] = {}
         self.margins = 1.0
 
@@ -162,18 +161,20 @@ class Ceiling(SamplingPlanner):
             self._kept.pop(int(i), None)
 
     def command(self, i, info):
-        """The cheapest command of the grid; who stands goes on unless something moves nearby that may be waited for.
+        """The cheapest command of the grid; who stands stays only where something moves that may be waited for.
 
-        A first command and one way to go on look a few metres far: before a corner the standing start often reaches as
-        much as any other, and a robot that saves its turns (`calm`) would stand there for ever.
+        A first command and one way to go on look a few metres far: before a corner, starting later often reaches as much
+        as starting now, and a robot that saves its turns (`calm`) would stand there for ever.
         """
         costs = np.empty(len(self._commands))
         self._score(i, info, costs)
-        going = np.where(self._goes, costs, np.inf)
-        stands = np.abs(info["truth"]["twist"]).max() < STANDING_M_S
-        if stands and going.min() < costs.min() + WAIT_COST and not self._is_anything_coming(info["truth"]):
-            costs = going
-        return self._commands[costs.argmin()]
+        best = costs.argmin()
+        stays = not self._commands[best].any() and np.abs(info["truth"]["twist"]).max() < STANDING_M_S
+        if stays and not self._is_anything_coming(info["truth"]):
+            going = np.where(self._commands[:, 0] > 0.0, costs, np.inf)
+            if going.min() < costs[best] + WAIT_COST:
+                best = going.argmin()
+        return self._commands[best]
 
     @staticmethod
     def _is_anything_coming(truth) -> bool:
