@@ -163,8 +163,8 @@ class Ceiling(SamplingPlanner):
     def command(self, i, info):
         """The cheapest command of the grid; who stands stays only where something moves that may be waited for.
 
-        A first command and one way to go on look a few metres far: before a corner, starting later often reaches as much
-        as starting now, and a robot that saves its turns (`calm`) would stand there for ever.
+        A first command and one way to go on look a few metres far: before a corner, starting later often reaches as
+        much as starting now, and a robot that saves its turns (`calm`) would stand there for ever.
         """
         costs = np.empty(len(self._commands))
         self._score(i, info, costs)
