@@ -1,6 +1,9 @@
 """Where chunks are computed: processes of this machine, or the workers of a Dask cluster."""
 
 import contextlib
+import os
+import threading
+import time
 from urllib.parse import urlsplit
 
 import joblib
@@ -8,6 +11,7 @@ import joblib
 from dualnav_lite.config import UnusableInput
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
+LOOK_S = 0.5  # between two looks whether the parent is still there
 
 
 def checked_address(cluster: str) -> str:
@@ -34,6 +38,17 @@ def checked_address(cluster: str) -> str:
     return cluster
 
 
+def _end_with(parent: int) -> None:
+    """In a worker: end soon after the parent did, however it ended; a chunk of long runs would go on for minutes."""
+
+    def watch() -> None:
+        while os.getppid() == parent:  # on Windows it stays what it was: there workers finish their chunk
+            time.sleep(LOOK_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
 @contextlib.contextmanager
 def pool(jobs: int = 1, cluster: str = ""):
     """A `joblib.Parallel` that yields results as they come, in any order.
@@ -46,7 +61,8 @@ def pool(jobs: int = 1, cluster: str = ""):
         UnusableInput: an address that will not do, or where nobody answers.
     """
     if not cluster:
-        yield joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
+        with joblib.parallel_config("loky", initializer=_end_with, initargs=(os.getpid(),)):
+            yield joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
         return
     from distributed import Client
 

@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 
 from dualnav_lite.config import UnusableInput
@@ -123,3 +124,34 @@ def test_driving_an_evaluation_imports_nothing_that_its_chunks_do_not_know_nor_t
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[] [] False False"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="on Windows workers finish their chunk")
+def test_workers_end_soon_after_a_killed_parent(tmp_path):
+    code = (
+        "import os, pathlib, sys, time, joblib\n"
+        "from dualnav_lite.workers import pool\n"
+        "def work(k):\n"
+        f"    pathlib.Path(r'{tmp_path}', f'{{os.getpid()}}.pid').touch()\n"
+        "    time.sleep(120)\n"
+        "with pool(2) as parallel:\n"
+        "    list(parallel(joblib.delayed(work)(k) for k in range(2)))\n"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", code])
+    give_up = time.monotonic() + 60
+    while len(workers := [int(path.stem) for path in tmp_path.glob("*.pid")]) < 2:
+        assert time.monotonic() < give_up
+        time.sleep(0.1)
+    parent.kill()
+    parent.wait()
+    give_up = time.monotonic() + 20
+    while any(is_running(pid) for pid in workers):
+        assert time.monotonic() < give_up, "a worker outlives its parent"
+        time.sleep(0.1)
+
+
+def is_running(pid: int) -> bool:
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
