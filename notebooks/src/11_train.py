@@ -4,8 +4,8 @@
 # **Aim**: train a policy with your `gae` and your `update`, and judge it on rooms it has never seen.
 #
 # **Time**: 20 minutes for you, 1200 s of CPU (two cores for `minutes`, and the judging). **Number to expect**: none that
-# everybody gets, since learning depends on luck; the goal is **80 %** of new rooms. The last cell prints your rate *with
-# its interval*.
+# everybody gets, since learning depends on luck; the goal is **80 %** of new rooms. One run of the worked lesson reached
+# **90 %** of 200 rooms, interval 86 to 94 %, after 670,000 steps. The last cell prints your rate *with its interval*.
 #
 # This is the whole loop of `training/lesson.yaml`: 32 worlds, plain navigation, collect 32 steps each, update, again.
 
