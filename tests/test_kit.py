@@ -3,6 +3,7 @@
 import ast
 import importlib.util
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -241,7 +242,7 @@ def test_every_command_explains_itself(capsys):
 @pytest.mark.skipif(os.name == "nt", reason="Ctrl-C is sent to a process group another way there")
 def test_ctrl_c_ends_in_one_line_and_the_same_command_goes_on(tmp_path):
     command = [sys.executable, "-m", "dualnav_lite", "evaluate", "stand_still", "--jobs", "1"]
-    command += ["--episodes", "155", "--out", str(tmp_path)]
+    command += ["--episodes", "555", "--out", str(tmp_path)]  # many, or a busy machine is done before it is stopped
     # A shell starts its background jobs deaf to Ctrl-C, and they hand that on to theirs.
     running = subprocess.Popen(
         command,
@@ -261,6 +262,7 @@ def test_ctrl_c_ends_in_one_line_and_the_same_command_goes_on(tmp_path):
     assert "Traceback" not in said
     assert not (tmp_path / "episodes.csv").exists()
     done = subprocess.run(command, cwd=ROOT, capture_output=True, encoding="utf-8", check=True, timeout=300)
-    assert "50/155" in done.stderr or "100/155" in done.stderr  # where it starts: no finished chunk was run again
-    assert " 0/155" not in done.stderr
-    assert len((tmp_path / "episodes.csv").read_text(encoding="utf-8").splitlines()) == 156
+    first = int(re.search(r" (\d+)/555 ", done.stderr)[1])  # where it starts: no finished chunk was run again
+    assert first >= 50
+    assert first % 50 == 0
+    assert len((tmp_path / "episodes.csv").read_text(encoding="utf-8").splitlines()) == 556
