@@ -20,12 +20,12 @@ SIGN = Text("slower and faster both count: the size of the difference", "变慢�
 LAST = Text("the *first* command that differs", "**第一个**不同的命令")
 
 
-def _drives(**changes) -> dict:
-    """Ten commands, the same in both drives, but for `step=(v, omega)` in the first."""
+def _drives(changes: dict[int, tuple[float, float]]) -> dict:
+    """Ten commands, the same in both drives, but for (v, omega) at some steps of the first."""
     twin_commands = np.tile([0.5, 0.0], (10, 1))
     driven = twin_commands.copy()
     for step, command in changes.items():
-        driven[int(step[1:])] = command
+        driven[step] = command
     return {"driven": driven, "twin": twin_commands, "seen": 4}
 
 
@@ -39,18 +39,18 @@ def _counted(claim: Text, mine, given, right: float, usual, never: Text) -> None
 def the_very_next_command_is_tick_one(mine):
     claim = Text("seen at step 4, braked at step 4: 1 tick", "第 4 步看到、第 4 步刹车：1 拍")
     usual = [(0.0, FROM_ZERO), (5.0, FROM_START), (4.0, FROM_START)]
-    _counted(claim, mine, _drives(_4=(0.3, 0.0), _5=(0.1, 0.0)), 1.0, usual, SIGN)
+    _counted(claim, mine, _drives({4: (0.3, 0.0), 5: (0.1, 0.0)}), 1.0, usual, SIGN)
 
 
 def a_turn_counts_as_well(mine):
     claim = Text("seen at step 4, turned at step 6: 3 ticks", "第 4 步看到、第 6 步转向：3 拍")
     usual = [(2.0, FROM_ZERO), (7.0, FROM_START), (5.0, LAST), (4.0, ONE_OF_BOTH)]
-    _counted(claim, mine, _drives(_6=(0.5, -0.3), _7=(0.3, 0.0), _8=(0.5, 0.2)), 3.0, usual, ONE_OF_BOTH)
+    _counted(claim, mine, _drives({6: (0.5, -0.3), 7: (0.3, 0.0), 8: (0.5, 0.2)}), 3.0, usual, ONE_OF_BOTH)
 
 
 def trembling_is_no_answer(mine):
     claim = Text("0.04 m/s at step 5, an answer at step 7: 4 ticks", "第 5 步差 0.04 m/s，第 7 步才回应：4 拍")
-    _counted(claim, mine, _drives(_5=(0.54, 0.05), _7=(0.6, 0.0)), 4.0, [(2.0, ANY_CHANGE)], SIGN)
+    _counted(claim, mine, _drives({5: (0.54, 0.05), 7: (0.6, 0.0)}), 4.0, [(2.0, ANY_CHANGE)], SIGN)
 
 
 def what_came_before_does_not_count(mine):
@@ -58,12 +58,14 @@ def what_came_before_does_not_count(mine):
         "a difference at step 1, before anything was seen, and one at step 5: 2 ticks",
         "第 1 步（尚未看到）有差别，第 5 步又有：2 拍",
     )
-    _counted(claim, mine, _drives(_1=(0.2, 0.0), _5=(0.2, 0.0)), 2.0, [(-2.0, TOO_EARLY), (-3.0, TOO_EARLY)], TOO_EARLY)
+    _counted(
+        claim, mine, _drives({1: (0.2, 0.0), 5: (0.2, 0.0)}), 2.0, [(-2.0, TOO_EARLY), (-3.0, TOO_EARLY)], TOO_EARLY
+    )
 
 
 def no_answer_is_not_a_number(mine):
     claim = Text("never another command: nan", "命令始终相同：nan")
-    got = call(claim, mine, _drives())
+    got = call(claim, mine, _drives({}))
     hold(claim, isinstance(got, float | np.floating) and bool(np.isnan(got)), "ten equal commands", "nan", str(got))
 
 
