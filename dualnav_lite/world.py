@@ -4,6 +4,7 @@ import numpy as np
 import pymunk
 from pymunk import batch
 
+from dualnav_lite.interrupt import hold_in_pymunk
 from dualnav_lite.layout import Layout
 from dualnav_lite.pedestrians import PEDESTRIAN, PUSHABLE, SURFACE_OF_KIND
 from dualnav_lite.semantics import Surface
@@ -28,6 +29,7 @@ class World:
     """
 
     def __init__(self, layout: Layout, hull_radius: float, mass: float):
+        hold_in_pymunk()
         self.contact = Surface.NOTHING
         self._space = pymunk.Space()
         self._add_room(layout)

@@ -242,7 +242,7 @@ def test_every_command_explains_itself(capsys):
 @pytest.mark.skipif(os.name == "nt", reason="Ctrl-C is sent to a process group another way there")
 def test_ctrl_c_ends_in_one_line_and_the_same_command_goes_on(tmp_path):
     command = [sys.executable, "-m", "dualnav_lite", "evaluate", "stand_still", "--jobs", "1"]
-    command += ["--episodes", "555", "--out", str(tmp_path)]  # many, or a busy machine is done before it is stopped
+    command += ["--episodes", "555", "--out", str(tmp_path)]
     # A shell starts its background jobs deaf to Ctrl-C, and they hand that on to theirs.
     running = subprocess.Popen(
         command,

@@ -1,5 +1,8 @@
 """One world's bodies: free motion is exact, contacts say what was hit, boxes can be pushed."""
 
+import signal
+import time
+
 import numpy as np
 import pytest
 
@@ -33,6 +36,35 @@ def empty_layout(boxes=(), surfaces=(), movers=(), start=(3.0, 3.0, 0.0)):
         charge=1.0,
         movers=tuple(movers),
     )
+
+
+class PressedAtTouch(World):
+    """Somebody presses Ctrl-C while pymunk tells of a contact, in a callback from C."""
+
+    after = False
+
+    def _touch(self, *said):
+        signal.raise_signal(signal.SIGINT)
+        self.after = True
+        super()._touch(*said)
+
+
+def touch_and_wait(world):
+    world.advance(np.array([0.2, 0.0, 0.0]), np.zeros((0, 2)), 0.02, 5)
+    time.sleep(5.0)
+
+
+def test_ctrl_c_in_the_physics_is_neither_lost_nor_breaks_in(capfd):
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        world = PressedAtTouch(empty_layout(start=(5.7, 3.0, 0.0)), 0.2, 4.0)
+        with pytest.raises(KeyboardInterrupt):
+            touch_and_wait(world)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert world.after
+    assert world.contact == Surface.WALL
+    assert "ignored" not in capfd.readouterr().err
 
 
 def push_ahead(world, steps, speed=0.5, movers=1):
