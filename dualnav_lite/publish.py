@@ -22,7 +22,7 @@ from dualnav_lite.evaluate import evaluate, library_arm
 from dualnav_lite.judge import TABLES, csv_text, judge
 from dualnav_lite.pace import seconds_per_step, steps_of
 from dualnav_lite.pages import write_report
-from dualnav_lite.reference import MADE_FROM, REFERENCE, ROWS
+from dualnav_lite.reference import MADE_FROM, REFERENCE, ROWS, made_from
 from dualnav_lite.scenario import SCENARIO_FOLDER, load_scenario
 from dualnav_lite.survival import read_episodes
 
@@ -66,8 +66,9 @@ def publish(
 ) -> pd.DataFrame:
     """Run every block (or those of `only`) and write what is finished into `to`: rows, their origin, tables, a report.
 
-    Finished chunks in `work` are not run again, and blocks that an earlier call finished with the same code, weights
-    and settings stand beside those of this one. Arms whose package is missing here are left out and said so.
+    Finished chunks in `work` are not run again. A block that an earlier call left in `to` stays, with the commit it was
+    made at, where settings, weights and seeds are those of today. Arms whose package is missing here are left out and
+    said so.
 
     Raises:
         UnusableInput: an unknown block, a model that is missing, a folder that refuses.
@@ -77,38 +78,32 @@ def publish(
     if unknown:
         raise UnusableInput(f"unknown block '{unknown[0]}'; known: {', '.join(chosen)}")
     prints, left_out = usable_arms(chosen)
-    plans = {
-        name: chunks_of(([arm for arm in arms if arm in prints], scenarios, count), prints, work / name)
+    chosen = {
+        name: ([arm for arm in arms if arm in prints], scenarios, count)
         for name, (arms, scenarios, count) in chosen.items()
     }
+    plans = {name: chunks_of(block, prints, work / name) for name, block in chosen.items()}
     asked = [name for name in chosen if not only or name in only]
     print(time_left([chunk for name in asked for chunk in plans[name]], jobs), file=sys.stderr, flush=True)
     for number, name in enumerate(asked, start=1):
-        arms, scenarios, count = chosen[name]
-        arms, begin = [arm for arm in arms if arm in prints], time.monotonic()
+        (arms, scenarios, count), begin = chosen[name], time.monotonic()
         print(f"[{number}/{len(asked)}] {name}: {count} seeds, {', '.join(arms)}", file=sys.stderr, flush=True)
         evaluate(arms, scenarios, published_seeds(count), work / name, jobs=jobs)
         print(f"{name} done in {(time.monotonic() - begin) / 60:.0f} minutes", file=sys.stderr, flush=True)
-    finished = [name for name in chosen if all(chunk.is_done() for chunk in plans[name])]
-    missing = [name for name in chosen if name not in finished]
-    if missing:
-        print(f"not made yet: {', '.join(missing)}", file=sys.stderr, flush=True)
-    content = merged([chunk for name in finished for chunk in plans[name]])
-    rows = read_episodes(io.BytesIO(content))
-    made = {
+    here = {
         "command": command,
         "commit": commit(),
-        "kit_version": __version__,
         "code_sha256": code_sha256(),
-        "config_sha256": sha256(dump_config(Config())),
-        "policy_sha256": prints,
         "left_out": left_out,
-        "blocks_missing": missing,
         "python": platform.python_version(),
         "machine": f"{platform.system()} {platform.machine()}",
         "cpu_flags": cpu_flags(),
-        "config": Config().model_dump(mode="json"),
     }
+    parts, made = put_together(work, to, chosen, plans, prints, here)
+    if missing := [name for name in chosen if name not in made["blocks"]]:
+        print(f"not made yet: {', '.join(missing)}", file=sys.stderr, flush=True)
+    content = merged(parts)
+    rows = read_episodes(io.BytesIO(content))
     write_atomic(to / ROWS, gzip.compress(content, mtime=0))
     write_atomic(to / MADE_FROM, json.dumps(made, indent=1, ensure_ascii=False) + "\n")
     origin = {key: made[key] for key in ("policy_sha256", "config_sha256")}
@@ -117,6 +112,39 @@ def publish(
         write_atomic(to / f"{name}.csv", csv_text(tables[name]))
     write_report(to, tables, command, [], ("md",))
     return rows
+
+
+def put_together(work: Path, to: Path, chosen, plans, prints: dict[str, str], here: dict) -> tuple[list[Chunk], dict]:
+    """The chunks of each block that is finished in `work` or stays from an earlier call, and what made each."""
+    made: dict = {
+        "kit_version": __version__,
+        "config_sha256": sha256(dump_config(Config())),
+        "policy_sha256": prints,
+        "blocks": {},
+        "config": Config().model_dump(mode="json"),
+    }
+    earlier, parts = made_from(to), []
+    is_same = all(earlier.get(key) == made[key] for key in ("config_sha256", "policy_sha256"))
+    for name, plan in plans.items():
+        if all(chunk.is_done() for chunk in plan):
+            made["blocks"][name] = here
+            parts += plan
+        elif is_same and name in earlier["blocks"] and (kept := earlier_block(to, chosen[name], work / f"{name}.csv")):
+            made["blocks"][name] = earlier["blocks"][name]
+            parts.append(kept)
+    return parts, made
+
+
+def earlier_block(to: Path, block, path: Path) -> Chunk | None:
+    """The rows of a block that lie in `to`, laid at `path`; None where any of them is missing there."""
+    arms, scenarios, count = block
+    rows = pd.read_csv(to / ROWS, dtype=str, keep_default_na=False, encoding="utf-8")
+    rows = rows[rows.arm.isin(arms) & rows.scenario.isin(scenarios)]
+    seeds = [str(seed) for seed in published_seeds(count)]
+    if len(rows) != len(arms) * len(scenarios) * count or set(rows.seed) != set(seeds):
+        return None
+    write_atomic(path, rows.to_csv(index=False, lineterminator="\n"))
+    return Chunk(load_scenario(scenarios[0]), arms[0], (), path)
 
 
 def usable_arms(chosen) -> tuple[dict[str, str], dict[str, str]]:

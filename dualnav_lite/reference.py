@@ -24,7 +24,7 @@ def published_rows(folder: Path = REFERENCE) -> pd.DataFrame:
 
 
 def made_from(folder: Path = REFERENCE) -> dict:
-    """Command, commit, config, CPU and weights behind the published rows; empty where nothing is published yet."""
+    """Config and weights behind the published rows, and command, commit and CPU of each block; empty without any."""
     path = Path(folder) / MADE_FROM
     return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 

@@ -1,6 +1,7 @@
 """Measurements on a few episodes: the columns of the contract, and what can be known beforehand."""
 
 import gzip
+import json
 
 import numpy as np
 import pandas as pd
@@ -201,15 +202,21 @@ def test_published_rows_come_back_with_what_made_them(tmp_path, monkeypatch, cap
     assert "0 of 1 chunks are there; the rest: about 0.0 hours on 1 processes" in said
     assert "not made yet: rest" in said
     assert len(rows) == 2
-    assert made_from(to)["blocks_missing"] == ["rest"]
-    rows = publish(work, to, only=["rest"], command="a command")  # what an earlier call finished stays
+    assert list(made_from(to)["blocks"]) == ["main"]
+    # Elsewhere, where no chunk of the earlier call is: its block stays, with its own command.
+    rows = publish(tmp_path / "other work", to, only=["rest"], command="another command")
     assert len(rows) == 3
     again = published_rows(to)
     pd.testing.assert_frame_equal(again, rows, check_dtype=False)
     made = made_from(to)
-    assert (made["command"], made["blocks_missing"]) == ("a command", [])
-    assert set(made) >= {"commit", "config", "cpu_flags", "policy_sha256", "code_sha256"}
+    assert [made["blocks"][name]["command"] for name in ("main", "rest")] == ["a command", "another command"]
+    assert set(made) >= {"config", "policy_sha256"}
+    assert set(made["blocks"]["main"]) >= {"commit", "cpu_flags", "code_sha256"}
     first = (to / "episodes.csv.gz").read_bytes()
+    # Rows of other settings do not stay: nobody would know which belong together.
+    (to / "episodes.json").write_text(json.dumps(made | {"config_sha256": "0"}), encoding="utf-8")
+    assert len(publish(tmp_path / "third work", to, only=["rest"], command="a command")) == 1
+    publish(work, to, only=["rest"], command="a command")  # finds its chunks of `main`
     monkeypatch.setattr(module, "evaluate", lambda *given, **named: None)  # everything is there
     publish(work, to, command="a command")
     assert "2 of 2 chunks are there" in capsys.readouterr().err
@@ -236,7 +243,7 @@ def test_published_rows_run_again_are_the_same_outcomes(tmp_path):
     both = rows.merge(again, on=["scenario", "seed"], suffixes=("", "_again"))
     assert len(both) == len(rows)
     assert (both.outcome == both.outcome_again).mean() >= 0.95
-    if made_from().get("cpu_flags") == cpu_flags():
+    if made_from()["blocks"]["main"]["cpu_flags"] == cpu_flags():
         assert (both.outcome == both.outcome_again).all()
         assert (both.energy_j == both.energy_j_again).all()
 
