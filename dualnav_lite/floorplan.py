@@ -84,7 +84,7 @@ class FloorPlan:
     def paint(self) -> None:
         """Everything, from the floor up."""
         env, world = self.env, self.world
-        idle = bool(env.task.is_idle(env.sim.times_s)[world])
+        idle = bool(env.task.idle[world])
         self._paint_solids()
         if not idle:
             self._paint_goal()

@@ -60,18 +60,19 @@ class Journal:
             path: (n,) metres driven in the step; clearance: (n,) [m]; energy: (n,) [J].
             acceleration_square: (n,) mean (dv/dt)^2; twists: (n, 2); rewards: (n, 5) terms, unweighted.
         """
-        gap = np.maximum(clearance, 0.0)
-        turn = np.where(np.abs(twists[:, 1]) > TURN_NOISE_RAD_S, np.sign(twists[:, 1]), 0.0)
-        changed = active & (turn * self.turn_sign < 0)
-        self.steps += active
-        self.path_m += np.where(active, path, 0.0)
-        self.min_clearance_m = np.where(active, np.minimum(self.min_clearance_m, gap), self.min_clearance_m)
-        self.clearance_sum += np.where(active, gap, 0.0)
-        self.energy_j += np.where(active, energy, 0.0)
-        self.acceleration_sum += np.where(active, acceleration_square, 0.0)
-        self.turn_changes += changed
-        self.turn_sign = np.where(active & (turn != 0), turn, self.turn_sign)
-        self.reward_sums += np.where(active[:, None], rewards, 0.0)
+        rows = slice(None) if active.all() else active
+        gap = np.maximum(clearance, 0.0)[rows]
+        turn = np.where(np.abs(twists[rows, 1]) > TURN_NOISE_RAD_S, np.sign(twists[rows, 1]), 0.0)
+        before = self.turn_sign[rows]
+        self.steps[rows] += 1
+        self.path_m[rows] += path[rows]
+        self.min_clearance_m[rows] = np.minimum(self.min_clearance_m[rows], gap)
+        self.clearance_sum[rows] += gap
+        self.energy_j[rows] += energy[rows]
+        self.acceleration_sum[rows] += acceleration_square[rows]
+        self.turn_changes[rows] += turn * before < 0
+        self.turn_sign[rows] = np.where(turn != 0, turn, before)
+        self.reward_sums[rows] += rewards[rows]
 
     def page(self, dt: float, battery, events, first_event_s, contact, outcomes, reasons) -> dict[str, np.ndarray]:
         """The columns of `episodes.csv` that the environment measures, as (n,) arrays.

@@ -177,7 +177,7 @@ class Perception:
             percept: of all worlds.
             sim: the truth; read for twist and battery, which a robot measures itself, and for `motion: truth`.
             preference: (n,).
-            worlds: index array or slice of the worlds wanted.
+            worlds: index array of the worlds wanted, or `slice(None)`.
 
         Returns:
             (k, C, 64, 64) float32.
@@ -192,7 +192,7 @@ class Perception:
         everybody = Ego(
             sim.robots.twist, battery, percept.goal_robot, percept.guide_robot, percept.map_age_s, preference, forecast
         )
-        ego = everybody.rows(worlds)
+        ego = everybody if isinstance(worlds, slice) else everybody.rows(worlds)
         scans, poses = self._scans[worlds, -FLOW_SCANS:], self._poses[worlds, -FLOW_SCANS:]
         if self._encoder is None:
             return encode_states(scans, poses, percept.map[worlds], ego, observation)

@@ -41,7 +41,13 @@ REST = (
     "dwa",
     "orca",
 )
-LONG_REST = ("ceiling@max_speed=0.45", "astar@max_speed=0.5", "cv_sampling@max_speed=0.5", "stand_still", "straight")
+LONG_REST = (
+    "ceiling@max_speed=0.4+calm=0.05",
+    "astar@max_speed=0.5",
+    "cv_sampling@max_speed=0.5",
+    "stand_still",
+    "straight",
+)
 COUNTS = {"main": 1000, "rest": 200, "long_ppo": 100, "long_filter": 20, "long_rest": 3}
 MADE_OF = ("dualnav_lite", "models", "stress_tests/scenarios")
 EXTRA = ("navigation",)  # belongs to no case, and what the others are variations of

@@ -122,7 +122,7 @@ def _paint_banner(canvas: Canvas, env, world: int, colours: Theme) -> None:
     if env.is_done[world]:
         outcome = env.task.outcomes[world]
         text, colour = outcome.replace("_", " "), COLOUR_OF_OUTCOME.get(outcome, VERMILLION)
-    elif env.task.is_idle(env.sim.times_s)[world]:
+    elif env.task.idle[world]:
         text, colour = "no open goal", colours.quiet
     else:
         return

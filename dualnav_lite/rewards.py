@@ -102,7 +102,7 @@ def shaping(before, after, reached, gamma, potential=linear_potential):
 
 def hinge(distance):
     """-10 (0.3 - d)^2 below 0.3 m, else 0 (article 4.2)."""
-    missing = np.clip(SAFE_DISTANCE_M - np.asarray(distance, float), 0.0, SAFE_DISTANCE_M)
+    missing = np.minimum(np.maximum(SAFE_DISTANCE_M - np.asarray(distance, float), 0.0), SAFE_DISTANCE_M)
     return -SAFE_SCALE * missing * missing
 
 
@@ -180,7 +180,10 @@ def reward_weights(preference, charge, rewards):
 
 def vector_reward(terms):
     """(..., 5) the terms as one array, in the order of `TERMS`; the reward is its dot product with the weights."""
-    return np.stack([terms[name] for name in TERMS], axis=-1)
+    vector = np.empty((*np.shape(terms[TERMS[0]]), len(TERMS)))
+    for k, name in enumerate(TERMS):
+        vector[..., k] = terms[name]
+    return vector
 
 
 def predicted_intrusion(twists, prediction, hull_radius=HULL_RADIUS_M):

@@ -28,6 +28,7 @@ class Task:
     open queues. While none is open, and for a while after each contact, a world is idle: it is commanded to stand.
 
     Attributes:
+        idle: (n,) worlds where no goal is open, or a contact is being sorted out; a new array each step.
         outcomes, reasons: (n,) texts of the last finished episode of each world.
     """
 
@@ -41,7 +42,7 @@ class Task:
         self._num_goals = np.ones(n, np.int64)
         self._reached = np.zeros(n, np.int64)
         self._penalty_steps = np.zeros(n, np.int64)
-        self._was_idle = np.zeros(n, bool)
+        self.idle = np.zeros(n, bool)
         self.outcomes = np.full(n, "", dtype=object)
         self.reasons = np.full(n, "", dtype=object)
 
@@ -54,20 +55,19 @@ class Task:
         self._period_s[world] = scenario.dispatcher.period_s if scenario.dispatcher else np.inf
         self._num_goals[world] = len(layout.goals)
         self._reached[world] = self._penalty_steps[world] = 0
-        self._was_idle[world] = False
+        self.idle[world] = False
         self.outcomes[world] = self.reasons[world] = ""
 
-    def is_idle(self, times_s) -> np.ndarray:
-        """(n,) worlds where no goal is open, or a contact is being sorted out, at these times [s]."""
+    def _is_idle(self, times_s) -> np.ndarray:
         issued = np.minimum((times_s / self._period_s + 1e-9).astype(np.int64) + 1, self._num_goals)
         return (self._penalty_steps > 0) | (self._is_long & (self._reached >= issued))
 
-    def judge(self, sim: Simulation, idle, active, journal: Journal) -> Ends:
+    def judge(self, sim: Simulation, active, journal: Journal) -> Ends:
         """How the step just made ended for each active world; a contact outranks an arrival in the same step."""
         distance = np.hypot(sim.goals[:, 0] - sim.poses[:, 0], sim.goals[:, 1] - sim.poses[:, 1])
         collided = active & (sim.contacts != Surface.NOTHING)
         flat = active & (sim.robots.battery <= 0.0)
-        reached = active & ~idle & ~collided & (distance <= self._radius)
+        reached = active & ~self.idle & ~collided & (distance <= self._radius)
         terminated = flat | (~self._is_long & (collided | reached))
         truncated = active & ~terminated & (sim.times_s >= self._limit_s - 1e-9)
         journal.goals += reached
@@ -89,11 +89,11 @@ class Task:
             return "flat_battery", ""
         return ("goal", "") if ends.reached[i] else ("timeout", "")
 
-    def follow(self, sim: Simulation, ends: Ends, active) -> tuple[np.ndarray, list[int]]:
+    def follow(self, sim: Simulation, ends: Ends, active) -> list[int]:
         """Open the next goals of long runs and carry robots away from what they touched.
 
         Returns:
-            (n,) idle from now on, and the worlds whose robot must be told its goal.
+            The worlds whose robot must be told its goal.
         """
         self._penalty_steps = np.maximum(self._penalty_steps - active, 0)
         told = []
@@ -107,8 +107,7 @@ class Task:
                     sim.set_goal(i, sim.layouts[i].goals[self._reached[i]])
             sim.path_length[i] = sim.measure_paths()[i]
             told.append(i)
-        idle = self.is_idle(sim.times_s)
+        was_idle, self.idle = self.idle, self._is_idle(sim.times_s)
         # The dispatcher sees where the robot is when it issues a goal, so odometry's drift starts anew.
-        told += np.flatnonzero(self._was_idle & ~idle & active).tolist()
-        self._was_idle = idle
-        return idle, told
+        told += np.flatnonzero(was_idle & ~self.idle & active).tolist()
+        return told

@@ -81,6 +81,8 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
         self.action_space = gymnasium.vector.utils.batch_space(self.single_action_space, num_envs)
         self.observation_space = gymnasium.vector.utils.batch_space(self.single_observation_space, num_envs)
         self.reward_space = gymnasium.spaces.Box(-np.inf, np.inf, (len(rewards.TERMS),), np.float64)
+        # The float32 bounds of the space, so that a legal float32 action is never counted as clipped.
+        self._limits = self.single_action_space.high.astype(float)
         self.sim = Simulation(num_envs, self.config)
         self.perception = Perception(num_envs, self.config, encoder, predictor)
         self.reward_model = RewardModel(num_envs, self.config.rewards, self.config.robot.hull_radius_m, reward_function)
@@ -128,7 +130,7 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
 
     def _sense_first(self, mask) -> None:
         """First observation of the worlds in the mask."""
-        self._merge(self.perception.sense(self.sim, mask, self.task.is_idle(self.sim.times_s)), mask)
+        self._merge(self.perception.sense(self.sim, mask, self.task.idle), mask)
         self._encode(mask)
 
     def _encode(self, mask) -> None:
@@ -156,9 +158,7 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
     def _commands(self, actions, idle):
         """Commands inside the hardware limits, and whether each action was clipped."""
         actions = checked_actions(actions, self.num_envs)
-        # The float32 bounds of the space, so that a legal float32 action is never counted as clipped.
-        limits = self.single_action_space.high.astype(float)
-        commands = np.clip(actions.astype(float), -limits, limits)
+        commands = np.minimum(np.maximum(actions.astype(float), -self._limits), self._limits)
         clipped = (commands != actions).any(axis=1) & ~idle
         commands[idle] = 0.0
         return commands, clipped
@@ -185,16 +185,15 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
     def advance(self, actions):
         """`step` for a share of the worlds of `ParallelVectorEnv`: all of them may have ended."""
         sim, active = self.sim, ~self.is_done
-        idle = self.task.is_idle(sim.times_s)
+        idle = self.task.idle
         commands, clipped = self._commands(actions, idle)
         odometer, path_before = sim.odometer_m.copy(), sim.path_length
         sim.advance(commands, active)
         path_after, surfaces = sim.path_length.copy(), sim.contacts.copy()
-        ends = self.task.judge(sim, idle, active, self.journal)
-        idle_next, told = self.task.follow(sim, ends, active)
-        for world in told:
+        ends = self.task.judge(sim, active, self.journal)
+        for world in self.task.follow(sim, ends, active):
             self.perception.tell_goal(world, sim)
-        percept = self.perception.sense(sim, active, idle_next)
+        percept = self.perception.sense(sim, active, self.task.idle)
         self._merge(percept, active)
         still = idle | ~active
         way = np.where(still, 0.0, path_before), np.where(still, 0.0, path_after)
@@ -232,7 +231,7 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
             terms = {name: np.zeros(n) for name in rewards.TERMS}
             vector = np.zeros((n, len(rewards.TERMS)))
             weights = rewards.reward_weights(self.preference, sim.robots.battery, self.config.rewards)
-        infos = percept.infos(sim.robots, self.preference, self.task.is_idle(sim.times_s)) | {
+        infos = percept.infos(sim.robots, self.preference, self.task.idle.copy()) | {
             "reward_terms": terms,
             "vector_reward": vector,
             "reward_weights": weights,

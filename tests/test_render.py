@@ -192,7 +192,7 @@ def test_a_robot_without_an_open_goal_is_drawn_without_one():
     env = DynamicNavVectorEnv(1, Config(), "battery", render_mode="rgb_array")
     env.reset(seed=SEED)
     with_goal = render.draw_room(env, 0)
-    env.task._penalty_steps[0] = 5  # as after a contact
+    env.task.idle[0] = True  # as after a contact
     without = render.draw_room(env, 0)
     assert (with_goal == GREEN).all(axis=2).sum() > 100
     assert not (without == GREEN).all(axis=2).any()
