@@ -51,26 +51,26 @@ TEXTS = {
     },
     "zh": {
         "title": "压力测试",
-        "made": "由 `{command}` 生成，kit {kit}，{machine}。种子 {seeds}；各方案使用相同种子。",
+        "made": "由 `{command}` 生成，套件版本 {kit}，{machine}。种子 {seeds}；各方案使用相同种子。",
         "summary": "文章的 {n} 项存活率中，`{arm}` 有把握地超过 {beaten} 项（精确 95 % 下限高于文章数值）；{open} 项尚无定论（区间"
                    "包含文章数值），{missed} 项未达到。",
         "failed": "失败", "who": "存活情况", "against": "与文章对照", "pairs": "相同种子上的比较",
         "three": "三小时，不允许任何接触", "published": "已发布的其他方案（按种子合并）", "figures": "图",
         "reading": "存活：按时到达目标、无接触、电量未耗尽。区间：Wilson，95 %。“文章”：文章为其自身策略声称的存活率。静止基线：`{floor}`。"
-                   "最好的盲驾方案：只知道目标方位与时钟者（{blind}）中最好的。`{ceiling}`（上限）知道一切物体的位置与速度。间距：各次运行"
-                   "中机身与任何实体最小距离的均值；能耗：单次运行均值。`ppo` 以 A* 路径上的引导点行驶；`ppo_filter` 的每个指令还经过安全"
-                   "滤波检查。",
-        "joined": "静止基线、盲驾方案与上限取自已发布的行，共有其中 {n} 个种子。",
-        "alone": "已发布的行中没有这些种子，因此这里缺少静止基线、盲驾方案与上限。",
+                   "最好的盲驾方案：只知道目标方位与时间的方案（{blind}）中最好的一个。`{ceiling}`（上限）知道一切物体的位置与速度。间隙：各次运行"
+                   "中机身与任何实体最小距离的均值；能耗：单次运行均值。`ppo` 以 A* 路径上的引导点行驶；`ppo_filter` 的每个指令还要经过安全"
+                   "滤波器检查。",
+        "joined": "静止基线、盲驾方案与上限取自已发布的数据行，含这些种子中的 {n} 个。",
+        "alone": "已发布的数据行中没有这些种子，因此这里缺少静止基线、盲驾方案与上限。",
         "verdict": "{title}，`{arm}`：{episodes} 次中存活 {survived} 次，{low} 至 {high}（精确，95 %）；文章的 {claim} {word}。",
-        "beaten": "被超过", "missed": "未达到", "open": "尚不能有把握地说被超过", "met": "在这些运行中达到，更长的序列可能推翻",
+        "beaten": "被超过", "missed": "未达到", "open": "尚不能有把握地说被超过", "met": "在这些运行中已达到，但更多次运行可能改变结论",
         "strict": "`{arm}`：{episodes} 次中 {survived} 次无任何接触", "contacts": "，共 {n} 次接触",
         "test": "McNemar 精确检验；存活率之差（百分点）与 Newcombe 区间。",
     },
 }
 HEADS = {
-    "scenario": "场景", "arm": "方案", "survived": "存活", "rate": "比例", "95 %": "95 % 区间", "article": "文章", "floor": "静止基线",
-    "best blind arm": "最好的盲驾方案", "ceiling": "上限", "clearance": "间距", "energy": "能耗", "only a": "仅 a", "only b": "仅 b",
+    "scenario": "场景", "arm": "方案", "survived": "存活", "rate": "存活率", "95 %": "95 % 区间", "article": "文章", "floor": "静止基线",
+    "best blind arm": "最好的盲驾方案", "ceiling": "上限", "clearance": "间隙", "energy": "能耗", "only a": "仅 a", "only b": "仅 b",
     "p (McNemar)": "p（McNemar）",
 }
 # fmt: on

@@ -26,7 +26,7 @@ STYLE = (
 POLICY = "default-src 'none'; style-src 'sha256-{}'; base-uri 'none'; form-action 'none'"
 WORDS = {
     "en": {
-        "title": "Feedback",
+        "title": "Feedback: {assignment}, {student}",
         "exercise": "Exercise",
         "points": "Points",
         "result": "Result",
@@ -42,6 +42,8 @@ WORDS = {
         "right": "{right} of {asked} questions right",
         "perhaps": "perhaps for the same reason: ",
         "and": "; ",
+        "comma": ", ",
+        "colon": ": ",
         "stopped": "stopped after {asked} questions",
         "reference": "tried with the teacher's {names}, since yours did not pass",
         "drives": "Trained policy",
@@ -67,7 +69,7 @@ WORDS = {
         "and not shown. Printed text, plots and saved outputs count for nothing.",
     },
     "zh": {
-        "title": "反馈",
+        "title": "反馈：{assignment}，{student}",
         "exercise": "练习",
         "points": "得分",
         "result": "结果",
@@ -78,32 +80,34 @@ WORDS = {
         "error": "出错",
         "timeout": "太慢",
         "not_run": "没有可评分的内容",
-        "manual": "由教师决定",
+        "manual": "由老师评定",
         "ungraded": "尚未评分",
         "right": "{asked} 个问题答对 {right} 个",
         "perhaps": "可能是同一原因：",
         "and": "；",
+        "comma": "、",
+        "colon": "：",
         "stopped": "在第 {asked} 个问题后停止",
-        "reference": "使用教师的 {names} 测试，因为你的尚未通过",
+        "reference": "用老师的 {names} 测试，因为你的尚未通过",
         "drives": "训练好的策略",
-        "policy": "你的策略在从未见过的房间里",
+        "policy": "你的策略在从未见过的房间里的表现",
         "scenario": "场景",
         "survived": "存活",
         "likely": "可能范围",
         "needed": "要求",
         "aim": "目标",
-        "ends": "其余的结局",
+        "ends": "其余运行的结局",
         "collisions": "{n} 次接触",
         "timeouts": "{n} 次超时",
         "flat_batteries": "{n} 次电量耗尽",
         "errors": "{n} 次出错",
         "preference": "偏好",
-        "safe": "净距 [m]",
-        "energy": "每个目标的能量 [J]",
+        "safe": "间隙 [m]",
+        "energy": "每个目标的能耗 [J]",
         "box": "这些点支配了区域的 {share:.0%}；要求 {threshold:.0%}。",
         "late": "迟交：扣除 {share:.0%} 的分数。",
         "total": "总分",
-        "cell": "运行时你的单元格给出的信息",
+        "cell": "运行你的单元格时输出的信息",
         "foot": "每个问题都在沙箱中向你的函数提出，输入对所有人相同且不公开。打印的文字、图和保存的输出不计分。",
     },
 }
@@ -151,7 +155,7 @@ def _todo(row: dict, outcome: dict, words: dict, language: str) -> str:
         lines.append(words["stopped" if stopped else "right"].format(**detail))
     lent = [part.partition(":")[0] for part in outcome["source"].split("+") if part.endswith(":reference")]
     if lent:
-        lines.append(words["reference"].format(names=", ".join(f"`{name}`" for name in lent)))
+        lines.append(words["reference"].format(names=words["comma"].join(f"`{name}`" for name in lent)))
     return "<br>".join(_marked(line) for line in lines)
 
 
@@ -163,7 +167,7 @@ def _drives(result: dict, words: dict, margin: float) -> str:
     rows = []
     for line in survival:
         kinds = ("collisions", "timeouts", "flat_batteries", "errors")
-        ends = ", ".join(words[kind].format(n=line[kind]) for kind in kinds if line[kind])
+        ends = words["comma"].join(words[kind].format(n=line[kind]) for kind in kinds if line[kind])
         likely = f"{line['low']:.0%} – {line['high']:.0%}"
         needed, aim = f"{line['threshold']:.0%}", f"{min(1.0, line['threshold'] + margin):.0%}"
         count = f"{line['survived']} / {line['episodes']}"
@@ -221,7 +225,7 @@ def page(
         for name, text in result.get("said", {}).items()
         if name in result["outcomes"]
     ]
-    title = html.escape(f"{words['title']}: {result['assignment']}, {result['student_id']}")
+    title = html.escape(words["title"].format(assignment=result["assignment"], student=result["student_id"]))
     digest = base64.b64encode(hashlib.sha256(STYLE.encode()).digest()).decode()
     parts = [
         f'<!doctype html>\n<html lang="{language}"><head><meta charset="utf-8">',
@@ -241,8 +245,9 @@ def page(
 
 def line_of(row: dict, language: str) -> str:
     """One line about an exercise, for systems that take text alone."""
-    status = WORDS[language][row["status"]]
-    return f"{status}: {reason_text(row['reason_code'], language)}" if row["reason_code"] else status
+    words = WORDS[language]
+    reason = words["colon"] + reason_text(row["reason_code"], language) if row["reason_code"] else ""
+    return words[row["status"]] + reason
 
 
 def zipped(pages: dict[str, bytes]) -> bytes:

@@ -95,7 +95,7 @@ def test_messages_are_in_the_language_that_was_asked_for(monkeypatch, capsys):
         check("safe", lambda clearance: -10.0 * clearance)
     assert "article" in str(english.value)
     monkeypatch.setenv("DUALNAV_LANG", "zh")
-    with pytest.raises(NotYet, match=r"期望: -0\.4") as chinese:
+    with pytest.raises(NotYet, match=r"期望：-0\.4") as chinese:  # noqa: RUF001
         check("safe", lambda clearance: -10.0 * clearance)
     assert "原文" in str(chinese.value)
     check("safe", reference("safe"), lang="en")
@@ -160,7 +160,7 @@ def test_expect_prefers_the_hint_that_fits_the_answer():
     assert wrong.value.lines("en")[-1] == "  hint: sign"
     with pytest.raises(Wrong) as wrong:
         hold(CLAIM, False, got=1.0)
-    assert wrong.value.lines("zh") == ["  应当成立: 一条性质", "  得到: 1"]
+    assert wrong.value.lines("zh") == ["  应当成立：一条性质", "  得到：1"]  # noqa: RUF001
 
 
 @pytest.mark.parametrize(

@@ -33,8 +33,8 @@ SATURATES = Text("d / (d + 2): fine near the goal and never 1", "d / (d + 2)：�
 SWAPPED = Text(
     "the sine belongs to the left, y over d; the cosine to ahead, x over d", "正弦对应左方 y / d，余弦对应前方 x / d"
 )
-AGE = Text("an age of 2 s reads 1", "地图年龄 2 s 读作 1")
-ONE_NUMBER = Text("ten numbers in ten bands, not one number everywhere", "十个数放进十条带，不是到处同一个数")
+AGE = Text("an age of 2 s reads 1", "地图时延 2 s 读作 1")
+ONE_NUMBER = Text("ten numbers in ten bands, not one number everywhere", "十个数放进十个条带，不是到处同一个数")
 USUAL_BANDS = {
     "v": [(0.4, RAW), (0.7, ONE_NUMBER)],
     "omega": [(-0.6, RAW), (0.7, ONE_NUMBER)],
@@ -59,13 +59,13 @@ def _band(mine, row):
 
 def each_band_holds_its_number(mine):
     for name, row in zip(BANDS, MIDDLES, strict=True):
-        claim = Text(f"band '{name}', row {row}", f"带 '{name}'，第 {row} 行")
+        claim = Text(f"band '{name}', row {row}", f"条带 '{name}'，第 {row} 行")
         expect(claim, _band(mine, row), {"ego": an_ego()}, WANTED[name], USUAL_BANDS.get(name, ()), 1e-5)
 
 
 def bands_fill_their_rows(mine):
     claim = Text(
-        "the image is (64, 64), and each band one number from edge to edge", "图像为 (64, 64)，每条带从头到尾是同一个数"
+        "the image is (64, 64), and each band one number from edge to edge", "图像为 (64, 64)，每个条带整条是同一个数"
     )
     image = np.asarray(call(claim, mine, {"ego": an_ego()}))
     hold(claim, image.shape == (64, 64), "", "(64, 64)", str(image.shape), SHAPE)
@@ -73,16 +73,16 @@ def bands_fill_their_rows(mine):
     wrong = np.argwhere(~np.isclose(image, right, atol=1e-5))
     place = Text("rows BAND_EDGES[k] to BAND_EDGES[k + 1]", "从第 BAND_EDGES[k] 行到第 BAND_EDGES[k + 1] 行")
     where = str(tuple(wrong[0].tolist())) if len(wrong) else ""
-    hold(claim, not len(wrong), f"cell {where}", right[tuple(wrong[0])] if len(wrong) else "",
+    hold(claim, not len(wrong), Text(f"cell {where}", f"格 {where}"), right[tuple(wrong[0])] if len(wrong) else "",
          image[tuple(wrong[0])] if len(wrong) else "", place)  # fmt: skip
 
 
 def bands_stay_in_their_range(mine):
-    clip = Text("clip to [-1, 1]: a band never leaves its range", "截断到 [-1, 1]：带不能超出范围")
+    clip = Text("clip to [-1, 1]: a band never leaves its range", "截断到 [-1, 1]：条带不能超出范围")
     claim = Text("1.6 m/s reads 1, no more", "1.6 m/s 也只读作 1")
     given = {"ego": an_ego(twist=np.array([1.6, 0.0]))}
     expect(claim, _band(mine, MIDDLES[0]), given, 1.0, [(2.0, clip)], 1e-5)
-    claim = Text("a map 9 s old reads 1, no more", "9 s 的旧地图也只读作 1")
+    claim = Text("a map 9 s old reads 1, no more", "时延 9 s 的地图也只读作 1")
     expect(claim, _band(mine, MIDDLES[8]), {"ego": an_ego(map_age_s=9.0)}, 1.0, [(4.5, clip)], 1e-5)
     claim = Text(
         "a goal at the robot's own place is straight ahead: cosine 1", "目标就在机器人处时视为正前方：余弦为 1"
@@ -187,22 +187,23 @@ def the_image_has_four_channels(mine):
 
 def channels_stand_in_their_order(mine):
     state = a_state()
-    claim = Text("channel 0 is the map crop", "通道 0 是地图切片")
+    claim = Text("channel 0 is the map crop", "通道 0 是局部地图")
     got = np.asarray(plain(call(claim, mine, state)), float)
     others = [k for k in range(1, 4) if is_close(got[k], state["map_crop"])]
     hold(claim, is_close(got[0], state["map_crop"]), "", state["map_crop"], got[0], ORDER if others else None)
-    claim = Text("channel 2 holds the bands", "通道 2 是十条带")
+    claim = Text("channel 2 holds the bands", "通道 2 是十个条带")
     bands = np.array(list(WANTED.values()))
     hold(claim, is_close(got[2][MIDDLES, 0], bands, 1e-5), "", bands, got[2][MIDDLES, 0], ORDER)
-    claim = Text("channel 3 shows the newest scan's intensity", "通道 3 是最新扫描的强度")
+    claim = Text("channel 3 shows the newest scan's intensity", "通道 3 是最新扫描的反射强度")
     right = an_image((11, 31, 0.7))
     oldest = is_close(got[3], an_image((21, 31, 0.3)), 1e-5)
     wanted = Text("row 11, column 31: 0.7", "第 11 行第 31 列：0.7")
     hold(claim, is_close(got[3], right, 1e-5), "", wanted, got[3], NEWEST if oldest else ORDER)
     claim = Text("channel 1 shows the mover 1 m ahead", "通道 1 显示前方 1 m 的移动物体")
     near = got[1][18:26, 28:36]
+    rows = Text("rows 18 to 25", "第 18 至 25 行")
     hint = Text("use `motion_channel`", "请使用 `motion_channel`")
-    hold(claim, bool(near.any()) and not got[1][44:].any(), "", "rows 18 to 25", near, hint)
+    hold(claim, bool(near.any()) and not got[1][44:].any(), "", rows, near, hint)
 
 
 CHECKS = {

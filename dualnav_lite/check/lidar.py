@@ -20,7 +20,8 @@ WALL = np.array([[3.0, -5.0, 3.0, 5.0]])
 
 def a_wall_ahead_is_met(mine):
     claim = Text(
-        "a wall 3 m ahead: 3 m straight on, 3 sqrt(2) m at 45 degrees", "前方 3 m 的墙：正前 3 m，45 度方向 3 sqrt(2) m"
+        "a wall 3 m ahead: 3 m straight on, 3 sqrt(2) m at 45 degrees",
+        "前方 3 m 处有墙：正前 3 m，45 度方向 3 sqrt(2) m",
     )
     given = {"pose": np.zeros(3), "bearings": np.array([0.0, np.pi / 4]), "segments": WALL, "range_max": 10.0}
     expect(claim, mine, given, np.array([3.0, 3.0 * np.sqrt(2)]), [(np.array([10.0, 10.0]), UNITS)])
@@ -83,9 +84,9 @@ NATURAL = Text(
     "both logarithms to base 10 and divided: 1 - log10(lux) / log10(300)", "两个对数相除：1 - log10(lux) / log10(300)"
 )
 LOST_RANGE = Text("a lost beam reads 10 m: nobody knows how far it went", "丢失的光束读数为 10 m：没人知道它走了多远")
-LOST_BRIGHT = Text("a lost beam has intensity 0", "丢失的光束强度为 0")
+LOST_BRIGHT = Text("a lost beam has intensity 0", "丢失的光束反射强度为 0")
 LOST_TURNED = Text("a beam is lost where uniform < share", "uniform < 比例 时光束丢失")
-DIM = Text("intensities shrink by 1 - 0.557 q", "强度要乘 1 - 0.557 q")
+DIM = Text("intensities shrink by 1 - 0.557 q", "反射强度要乘 1 - 0.557 q")
 SIGMA = Text("sigma = 0.01 + 0.042 q metres, times normal", "sigma = 0.01 + 0.042 q 米，乘以 normal")
 LIMITS = Text("a reading stays in [0.05, 10] m", "读数保持在 [0.05, 10] m")
 
@@ -109,7 +110,7 @@ def _a_scan(lux):
 def an_office_is_nearly_clean(mine):
     claim = Text(
         "at 300 lux and above: sigma 1 cm, half a percent lost, full brightness",
-        "300 lux 及以上：sigma 1 cm，丢失 0.5 %，强度不变",
+        "300 lux 及以上：sigma 1 cm，丢失 0.5 %，反射强度不变",
     )
     for lux in (300.0, 3000.0):
         given = _a_scan(lux)
@@ -135,7 +136,7 @@ def an_office_is_nearly_clean(mine):
 def darkness_spoils_three_things(mine):
     claim = Text(
         "sqrt(300) lux is half dark, q = 0.5: sigma 3.1 cm, 10.5 % lost, intensity x 0.7215",
-        "sqrt(300) lux 时 q = 0.5：sigma 3.1 cm，丢失 10.5 %，强度 x 0.7215",
+        "sqrt(300) lux 时 q = 0.5：sigma 3.1 cm，丢失 10.5 %，反射强度 x 0.7215",
     )
     given = _a_scan(float(np.sqrt(300.0)))
     rest = {name: given[name] for name in ("ranges", "intensities", "normal", "uniform")}

@@ -12,12 +12,12 @@ from dualnav_lite.semantics import CELL_VALUE, Cell, Surface
 
 ASYMMETRIC = Text("a hit adds 4, a passing beam takes 2", "命中加 4，穿过减 2")
 UPPER = Text(
-    "clip at 20, else a cell that was once sure can never be cleared", "在 20 处截断，否则确信的单元再也清不掉"
+    "clip at 20, else a cell that was once sure can never be cleared", "在 20 处截断，否则已确信被占的栅格再也清不掉"
 )
-LOWER = Text("clip at -6, else a free cell needs many hits", "在 -6 处截断，否则空闲单元需要很多次命中")
+LOWER = Text("clip at -6, else a free cell needs many hits", "在 -6 处截断，否则空闲栅格要命中很多次才会变")
 TURNED = Text("a hit speaks for occupied, a pass for free: the signs", "命中说明被占，穿过说明空闲：符号反了")
 FORGETS = Text("add to the old evidence, do not replace it", "要加到原有证据上，而不是替换")
-BOTH = Text("a cell that is hit and passed gets both: +4 - 2", "同时被命中和穿过的单元两者都算：+4 - 2")
+BOTH = Text("a cell that is hit and passed gets both: +4 - 2", "同时被命中和穿过的栅格两者都算：+4 - 2")
 
 
 def _cells(evidence, hits, passes):
@@ -54,11 +54,11 @@ def evidence_has_bounds(mine):
 
 BACKWARDS = Text(
     "what lay ahead comes nearer, downwards in the image: from new cells to the world, then to the old robot",
-    "前方的东西会变近，在图像中下移：先从新单元到世界，再到旧机器人坐标",
+    "前方的东西会变近，在图像中下移：先从新图像的栅格换到世界坐标，再换到旧的机器人坐标",
 )
 TURN = Text("turning left moves the world to the right", "向左转时，世界向右移")
-OUTSIDE = Text("what the old image does not show is unknown: 1/6", "旧图像没有的地方是未知：1/6")
-WRAPPED = Text("an index from the other end: look whether it is inside first", "下标从另一端取了：先判断是否在图内")
+OUTSIDE = Text("what the old image does not show is unknown: 1/6", "旧图像中没有的地方是未知：1/6")
+WRAPPED = Text("an index from the other end: look whether it is inside first", "下标绕到另一端去取了：先判断是否在图内")
 FRAME = Text(
     "odometry poses are in the world: turn the way into the robot's frame",
     "里程计位姿在世界坐标系：位移要转到机器人坐标系",

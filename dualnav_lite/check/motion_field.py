@@ -12,7 +12,7 @@ STILL_THERE = Text("who drives 1 m ahead has everything 1 m nearer", "前进 1 m
 WRONG_TURN = Text("turning left moves the world to the right", "向左转时，世界向右移")
 TURN_FIRST = Text("turn by the old heading before you add the old place", "先按旧朝向旋转，再加旧位置")
 WORLD = Text(
-    "the result is in the robot's frame of now, not in the world", "结果应在机器人当前坐标系，而不是世界坐标系"
+    "the result is in the robot's frame of now, not in the world", "结果应在机器人当前的坐标系中，而不是世界坐标系"
 )
 NO_SHIFT = Text("the robot has moved, not only turned", "机器人不只转了，还移动了")
 NO_TURN = Text("the robot has turned, not only moved", "机器人不只移动了，还转了")
@@ -68,14 +68,14 @@ RIGHT = Text("`x` is positive to the right; flow[..., 1] is to the left", "`x` �
 OTHER = Text("`x` runs along the columns: it is the sideways part", "`x` 沿列方向：是横向分量")
 SCALE = Text("1.5 m/s reads 1", "1.5 m/s 的读数为 1")
 CLIP = Text("clip to [-1, 1]", "截断到 [-1, 1]")
-LENGTH = Text("speed is the length: the root of the sum of squares", "speed 是长度：平方和的根")
+LENGTH = Text("speed is the length: the root of the sum of squares", "speed 是长度：平方和的平方根")
 TOWARDS = Text("`radial` is positive towards the robot", "`radial` 朝向机器人为正")
 MIDDLES = Text(
     "a cell's middle is at 0.1 (31.5 - row) ahead and 0.1 (31.5 - column) to the left",
-    "单元中心在前 0.1 (31.5 - 行)、左 0.1 (31.5 - 列)",
+    "栅格中心在前方 0.1 (31.5 - 行) m、左方 0.1 (31.5 - 列) m",
 )
 AHEAD = Text(
-    "`radial` needs both parts: project on the direction to the cell", "`radial` 两个分量都要：投影到指向单元的方向"
+    "`radial` needs both parts: project on the direction to the cell", "`radial` 两个分量都要：投影到指向栅格的方向"
 )
 
 

@@ -16,10 +16,10 @@ from dualnav_lite.trunks import VectorTrunk, layer
 
 # policy_loss(log_probs, old_log_probs, advantages, clip_range)
 
-NEGATED = Text("a loss is made small, the objective large: minus", "损失要变小，目标要变大：取负号")
+NEGATED = Text("a loss is made small, the objective large: minus", "损失要最小化，目标函数要最大化：取负号")
 NO_CLIP = Text(
     "the gain does not end at the range: clip, and take the smaller of the two products",
-    "增益没有止于范围：要截断，并取两个乘积中较小的一个",
+    "收益没有在截断范围处封顶：要截断，并取两个乘积中较小的一个",
 )
 MAXIMUM = Text("take the smaller of the two products, the cautious one", "取两个乘积中较小的一个，即保守的一个")
 ONLY_CLIPPED = Text(
@@ -58,12 +58,12 @@ def _usual(ratio, advantage, right):
 
 
 def inside_the_range_it_is_the_plain_objective(mine):
-    claim = Text("ratio 1.1, advantage 2: minus 2.2", "比值 1.1、优势 2：负 2.2")
+    claim = Text("ratio 1.1, advantage 2: minus 2.2", "比值 1.1、优势 2：损失为 -2.2")
     expect(claim, mine, _losses(1.1, 2.0), -2.2, _usual(1.1, 2.0, -2.2), 1e-5)
 
 
 def a_good_action_gains_no_more_than_the_range(mine):
-    claim = Text("ratio 1.5, advantage 2: the gain ends at 1.2", "比值 1.5、优势 2：增益止于 1.2")
+    claim = Text("ratio 1.5, advantage 2: the gain ends at 1.2", "比值 1.5、优势 2：收益在 1.2 处封顶")
     usual = [(-3.0, NO_CLIP), *_usual(1.5, 2.0, -2.4)]
     expect(claim, mine, _losses(1.5, 2.0), -2.4, usual, 1e-5)
 
@@ -71,7 +71,7 @@ def a_good_action_gains_no_more_than_the_range(mine):
 def a_bad_action_is_never_hidden(mine):
     claim = Text("ratio 1.5, advantage -2: the full loss of 3", "比值 1.5、优势 -2：损失为完整的 3")
     expect(claim, mine, _losses(1.5, -2.0), 3.0, [(2.4, ONLY_CLIPPED), *_usual(1.5, -2.0, 3.0)], 1e-5)
-    claim = Text("ratio 0.5, advantage -2: the gain ends at 0.8", "比值 0.5、优势 -2：增益止于 0.8")
+    claim = Text("ratio 0.5, advantage -2: the gain ends at 0.8", "比值 0.5、优势 -2：收益在 0.8 处封顶")
     expect(claim, mine, _losses(0.5, -2.0), 1.6, _usual(0.5, -2.0, 1.6), 1e-5)
 
 
@@ -183,12 +183,13 @@ def _updated(mine, claim, settings=SETTINGS, **changes):
 
 def every_epoch_takes_every_minibatch(mine):
     claim = Text(
-        "48 samples, minibatches of 12, 3 epochs: 12 steps of each optimiser", "48 个样本、小批 12、3 轮：各 12 步"
+        "48 samples, minibatches of 12, 3 epochs: 12 steps of each optimiser",
+        "48 个样本、小批量为 12、3 轮：两个优化器各 12 步",
     )
     _, _, optimizers, _, _ = _updated(mine, claim)
     steps = tuple(one.steps for one in optimizers)
     hints = {
-        (3, 3): Text("split each epoch into minibatches", "每一轮都要分成小批"),
+        (3, 3): Text("split each epoch into minibatches", "每一轮都要分成小批量"),
         (12, 0): Text("the critic learns as well", "价值网络也要学习"),
         (0, 12): Text("the policy learns as well", "策略网络也要学习"),
         (0, 0): Text("call `step()` of the optimisers", "要调用优化器的 `step()`"),
@@ -222,7 +223,7 @@ def advantages_are_normalised(mine):
     first, second = (_updated(mine, claim, scale=scale)[0] for scale in (1.0, 100.0))
     pairs = zip(first.parameters(), second.parameters(), strict=True)
     gap = max(float((a - b).detach().abs().max()) for a, b in pairs)
-    hint = Text("subtract the mean, divide by the deviation, in each minibatch", "每个小批内减去均值，再除以标准差")
+    hint = Text("subtract the mean, divide by the deviation, in each minibatch", "每个小批量内减去均值，再除以标准差")
     hold(claim, gap < 1e-3, "", "0", gap, hint)
 
 

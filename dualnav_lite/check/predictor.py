@@ -14,7 +14,7 @@ FROM_NOW = Text(
 )
 TENTHS = Text("a step is 0.1 s: times are 0.1, 0.2, ... 2.0", "一步是 0.1 s：时间为 0.1、0.2……2.0")
 BACK = Text("add the way, do not take it away", "位移要加上，而不是减去")
-ORDER = Text("the shape is (k, 20, 2): mover, step, x and y", "形状为 (k, 20, 2)：行人、步、x 与 y")
+ORDER = Text("the shape is (k, 20, 2): mover, step, x and y", "形状为 (k, 20, 2)：移动物体、步、x 与 y")
 STANDS = Text("it moves: add time x velocity", "它在移动：加上 时间 x 速度")
 POSITIONS = np.array([[2.0, 1.0], [-1.0, 0.5], [3.0, 0.0]])
 VELOCITIES = np.array([[0.5, -1.0], [0.0, 0.0], [-0.8, 0.4]])
@@ -28,7 +28,7 @@ def _lines(times, sign=1.0):
 
 def they_go_straight_on(mine):
     claim = Text(
-        "three movers, 20 positions each, the last one 2 s ahead", "三个目标，各 20 个位置，最后一个在 2 s 之后"
+        "three movers, 20 positions each, the last one 2 s ahead", "三个移动物体，各 20 个位置，最后一个在 2 s 之后"
     )
     times = 0.1 * np.arange(1, 21)
     usual = [
@@ -43,13 +43,13 @@ def they_go_straight_on(mine):
 
 
 def nobody_is_forecast_as_nobody(mine):
-    claim = Text("without movers the answer is empty: (0, 20, 2)", "没有目标时结果为空：(0, 20, 2)")
+    claim = Text("without movers the answer is empty: (0, 20, 2)", "没有移动物体时结果为空：(0, 20, 2)")
     expect(claim, mine, {"positions": np.zeros((0, 2)), "velocities": np.zeros((0, 2))}, np.zeros((0, 20, 2)))
 
 
 # displacement_errors(predicted, happened)
 
-LENGTH = Text("an error is a distance: the root of the sum of squares of x and y", "误差是距离：x 与 y 平方和的根")
+LENGTH = Text("an error is a distance: the root of the sum of squares of x and y", "误差是距离：x 与 y 平方和的平方根")
 INDEX = Text("1 s is the tenth position: index 9; 2 s is the last", "1 s 是第十个位置：下标 9；2 s 是最后一个")
 ENDS = Text("FDE looks at one moment, ADE at all", "FDE 只看一个时刻，ADE 看全部")
 RADIUS = Text("a hit is within 0.3 m at 1 s and within 0.5 m at 2 s", "命中：1 s 时 0.3 m 以内，2 s 时 0.5 m 以内")
@@ -71,7 +71,7 @@ def _given():
 
 
 NAMES = {
-    "ade_m": Text("'ade_m': the mean distance over all movers and steps", "'ade_m'：所有目标、所有步的平均距离"),
+    "ade_m": Text("'ade_m': the mean distance over all movers and steps", "'ade_m'：所有移动物体、所有步的平均距离"),
     "fde_1s_m": Text("'fde_1s_m': the mean distance at 1 s", "'fde_1s_m'：1 s 时的平均距离"),
     "fde_2s_m": Text("'fde_2s_m': the mean distance at 2 s", "'fde_2s_m'：2 s 时的平均距离"),
     "hit_1s": Text("'hit_1s': the share within 0.3 m at 1 s", "'hit_1s'：1 s 时 0.3 m 以内的比例"),

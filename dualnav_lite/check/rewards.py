@@ -14,9 +14,9 @@ NAMES = ("safe", "dynamic", "energy", "goal", "terminal")
 SIGN = Text("the sign of the article's 2.3: here more room costs more", "这是原文 2.3 的符号：空间越大反而罚得越多")
 POSITIVE = Text("a penalty is negative: being close must cost", "惩罚应为负值：靠得近必须付出代价")
 LINEAR = Text("square the missing distance (article 4.2)", "对缺少的距离取平方（原文 4.2）")
-NO_THRESHOLD = Text("from 0.3 m on nothing is missing: clip at 0", "超过 0.3 m 就不缺距离了：请截断为 0")
+NO_THRESHOLD = Text("from 0.3 m on nothing is missing: clip at 0", "达到 0.3 m 就不缺距离了：请截断为 0")
 BELOW_ZERO = Text(
-    "hulls that overlap count as touching: a negative clearance is 0", "外壳重叠按接触计算：负间隙按 0 处理"
+    "hulls that overlap count as touching: a negative clearance is 0", "机身重叠按接触计算：负间隙按 0 处理"
 )
 
 
@@ -28,7 +28,7 @@ def safe_is_the_squared_hinge(mine):
 
 
 def safe_costs_nothing_far_away(mine):
-    claim = Text("from 0.3 m on it costs nothing", "0.3 m 以外没有惩罚")
+    claim = Text("from 0.3 m on it costs nothing", "达到 0.3 m 起没有惩罚")
     for clearance in (0.3, 1.0, 5.0):
         wrong = -10.0 * (0.3 - clearance) ** 2
         expect(claim, mine, {"clearance": clearance}, 0.0, [(wrong, NO_THRESHOLD), (-10.0 * clearance, SIGN)])
@@ -127,7 +127,7 @@ def terms_have_their_names(mine):
 
 FROM_HULL = Text(
     "`clearance` is measured from the hull, `min_range` from the lidar",
-    "`clearance` 从外壳量起，`min_range` 从雷达量起",
+    "`clearance` 从机身量起，`min_range` 从激光雷达量起",
 )
 WEIGHTED = Text("weights come later: return the bare terms", "权重稍后再乘：这里返回未加权的项")
 PREDICTION = Text(

@@ -9,7 +9,7 @@ from dualnav_lite.check.verdict import CLOSE, SHAPE, Text, call, expect, hold, i
 
 BOOTSTRAPPED = Text(
     "a terminated step has no future: leave out gamma V(s') there",
-    "终止（terminated）的一步没有未来：那里不要加 gamma V(s')",
+    "终止（terminated）的那一步没有未来：那里不要加 gamma V(s')",
 )
 LEAKED = Text(
     "the next episode's advantages leak into this one: carry nothing over an end",
@@ -97,7 +97,7 @@ def _papers_sum(rewards, values, next_values, terminated, truncated, gamma, gae_
 
 
 def worlds_stay_apart(mine):
-    claim = Text("20 steps of 3 worlds, each with ends of its own", "3 个世界各 20 步，各自有自己的结束")
+    claim = Text("20 steps of 3 worlds, each with ends of its own", "3 个世界各 20 步，各有自己的结束时刻")
     rng = np.random.default_rng(9)
     given = {name: rng.normal(size=(20, 3)) for name in ("rewards", "values", "next_values")}
     given |= {name: rng.random((20, 3)) < 0.15 for name in ("terminated", "truncated")}

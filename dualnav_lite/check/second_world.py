@@ -5,8 +5,8 @@ from dualnav_lite.highway import cars
 
 # car_safe(clearance, time_gap, safe_m)
 
-SIGN = Text("a penalty is negative", "惩罚为负")
-LINEAR = Text("the hinge is squared", "铰链要平方")
+SIGN = Text("a penalty is negative", "惩罚应为负值")
+LINEAR = Text("the hinge is squared", "缺口要取平方")
 SUMMED = Text("whichever is worse, not both added up", "取两者中较差的一个，不是相加")
 LESSER = Text("whichever is *worse*: the larger shortfall", "取两者中**较差**的：较大的缺口")
 BONUS = Text(

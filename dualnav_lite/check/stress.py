@@ -54,7 +54,7 @@ def the_ends_are_just_1_96_deviations_away(mine):
         ends = np.asarray(call(claim, mine, given), float)
         away = np.abs(k / n - ends) / np.sqrt(ends * (1.0 - ends) / n)
         fits = ends.shape == (2,) and bool(np.allclose(away, Z, atol=2e-3))
-        hold(claim, fits, shown(given), f"{Z} twice", shown(away))
+        hold(claim, fits, shown(given), Text(f"{Z} twice", f"两个都是 {Z}"), shown(away))
 
 
 def arrays_are_welcome(mine):

@@ -71,9 +71,10 @@ def every_pair_agrees(mine):
     got = np.asarray(plain(call(claim, mine, given)))
     hold(claim, got.shape == (60,), "", "(60,)", str(got.shape), SHAPE)
     wrong = np.flatnonzero(got.astype(bool) != right)
-    place = (
-        f"point {wrong[0]}: {given['safe_dist_m'][wrong[0]]} m, {given['energy_j'][wrong[0]]} J" if len(wrong) else ""
-    )
+    place = ""
+    if len(wrong):
+        numbers = f"{given['safe_dist_m'][wrong[0]]} m, {given['energy_j'][wrong[0]]} J"
+        place = Text(f"point {wrong[0]}: {numbers}", f"点 {wrong[0]}：{numbers}")
     hold(claim, not len(wrong), place, str(right[wrong[:1]]), str(got[wrong[:1]]), BOTH)
 
 

@@ -51,6 +51,7 @@ HEADINGS = {
     "got": Text("got", "得到"),
     "hint": Text("hint", "提示"),
 }
+COLON = Text(": ", "：")
 NOTHING = Text(
     "it returned nothing: does every branch end in `return`?", "没有返回值：每个分支都以 `return` 结束了吗？"
 )
@@ -68,7 +69,7 @@ MEANINGS = {
     ),
     "positional argument": Text("keep the arguments as the exercise gave them", "请保持练习给出的参数不变"),
     "out of bounds": Text("leave out what lies beyond the array", "超出数组范围的要去掉"),
-    "is not defined": Text("run the cells above first", "请先运行上面的单元"),
+    "is not defined": Text("run the cells above first", "请先运行上面的单元格"),
 }
 SHAPE = Text("the shape or the kind of the answer is another one", "结果的形状或类型不对")
 
@@ -84,7 +85,7 @@ class Wrong(Exception):
         """The words in one language, a line each part that is there."""
         k = LANGUAGES.index(language)
         shown = {name: part[k] if isinstance(part, Text) else part for name, part in self.parts.items()}
-        return [f"  {HEADINGS[name][k]}: {text}" for name, text in shown.items() if text]
+        return [f"  {HEADINGS[name][k]}{COLON[k]}{text}" for name, text in shown.items() if text]
 
 
 class NotDone(Wrong):

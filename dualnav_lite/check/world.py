@@ -22,7 +22,7 @@ AXES = Text("x goes with the cosine of the heading, y with the sine", "x 用朝�
 
 
 def a_straight_step_is_the_mean_speed(mine):
-    claim = Text("both wheels at 0.5 m/s for 0.1 s: 5 cm straight on", "两轮 0.5 m/s、0.1 s：直行 5 cm")
+    claim = Text("both wheels at 0.5 m/s for 0.1 s: 5 cm straight on", "两轮均为 0.5 m/s，0.1 s：直行 5 cm")
     given = {"pose": np.array([1.0, 2.0, np.pi / 2]), "v_left": 0.5, "v_right": 0.5, "track": 0.3, "dt": 0.1}
     usual = [
         (np.array([1.0, 2.1, np.pi / 2]), SUM),
@@ -61,16 +61,16 @@ def it_turns_in_place(mine):
 # pid(target, measured, integral, last_error, dt)
 
 FORWARD = Text("the target itself comes first (feed-forward)", "先有目标值本身（前馈）")
-ERROR_SIGN = Text("error = target - measured", "误差 = 目标 - 测量")
+ERROR_SIGN = Text("error = target - measured", "误差 = 目标值 - 测量值")
 UNSUMMED = Text("add error x dt to the integral before you use it", "先把 误差 x dt 加进积分，再使用")
-WINDUP = Text("clip the integral to +-0.2, else it winds up", "把积分限制在 +-0.2，否则会饱和累积")
+WINDUP = Text("clip the integral to +-0.2, else it winds up", "把积分限制在 +-0.2 内，否则会积分饱和")
 SLOPE = Text("the slope is (error - last_error) / dt", "斜率是（误差 - 上次误差）/ dt")
 KEEP = Text("give the new integral and this error back, for the next call", "返回新的积分和这次的误差，供下次使用")
 
 
 def each_gain_does_its_part(mine):
     claim = Text(
-        "(asked, integral, error) from target 0.5, measured 0.4", "目标 0.5、测量 0.4 时的（请求、积分、误差）"
+        "(asked, integral, error) from target 0.5, measured 0.4", "目标 0.5、测量 0.4 时的（输出、积分、误差）"
     )
     given = {"target": 0.5, "measured": 0.4, "integral": 0.05, "last_error": 0.08, "dt": 0.02}
     right = (0.5 + 1.2 * 0.1 + 4.0 * 0.052 + 0.01 * 1.0, 0.052, 0.1)
@@ -98,10 +98,10 @@ def the_integral_is_bounded(mine):
 
 # power(v, omega, acceleration)
 
-IDLE = Text("5 W are drawn even when it stands", "静止时也要 5 W")
+IDLE = Text("5 W are drawn even when it stands", "静止时也消耗 5 W")
 BACKWARDS = Text("|v| and |omega|: driving backwards costs as much", "用 |v| 和 |omega|：倒车同样耗电")
 BRAKING = Text("braking gives nothing back: max(0, v a)", "刹车不回收能量：max(0, v a)")
-MASS = Text("accelerating costs 15 kg x v x a", "加速耗 15 kg x v x a")
+MASS = Text("accelerating costs 15 kg x v x a", "加速所需功率为 15 kg x v x a")
 SQUARE = Text("20 times v squared", "是 20 乘 v 的平方")
 
 
@@ -117,7 +117,7 @@ def full_speed_draws_24_watts(mine):
 
 
 def turning_and_backing_cost(mine):
-    claim = Text("backwards and to the right cost as much as forwards and left", "倒车和右转与前进和左转耗电相同")
+    claim = Text("backwards and to the right cost as much as forwards and left", "倒车、右转与前进、左转耗电相同")
     given = {"v": -0.5, "omega": -1.0, "acceleration": 0.0}
     usual = [(5 - 4 + 5 - 6 + 4, BACKWARDS), (5 + 4 + 5 - 6 + 4, BACKWARDS), (5 - 4 + 5 + 6 + 4, BACKWARDS)]
     expect(claim, mine, given, 24.0, usual)

@@ -26,7 +26,7 @@ CAPTIONS = {
     "latency": (
         "Left: wall-clock time of each stage of a control step, medians and tails. Right: ticks from the first scan that shows a "
         "pop-up box to the first command that differs from a twin run without the box (20 stands for 20 and more).",
-        "左：每个控制步各阶段的实际用时（中位数与尾部）。右：从激光首次看到突现箱体，到指令首次与无箱体的孪生运行不同，所经过的"
+        "左：每个控制步各阶段的实际用时（中位数与高分位数）。右：从激光首次看到突现箱体，到指令首次与无箱体的孪生运行不同，所经过的"
         "周期数（20 表示 20 及以上）。",
     ),
     "battery_hours": (
@@ -35,12 +35,12 @@ CAPTIONS = {
     ),
     "ablations": (
         "Ablations, trained alike, beside the default (square): survival with Wilson intervals, 95 %.",
-        "消融实验：相同训练预算，与默认设置（方块）对照；存活率与 95 % Wilson 区间。",
+        "消融实验：训练方式相同，与默认设置（方块）对照；存活率与 95 % Wilson 区间。",
     ),
     "intervention": (
         "What the battery band does: 15 % minus 100 % of charge, 95 % intervals. Commands are those for the same states with only "
         "the band changed; the other measures are of whole runs of the same seeds that begin with either charge.",
-        "电量条带的作用：15 % 减 100 % 电量之差与 95 % 区间。指令为相同状态下仅改变条带时的输出；其余为相同种子、以两种电量开始的完整"
+        "电量条带的作用：15 % 电量减 100 % 电量之差与 95 % 区间。指令为相同状态下仅改变条带时的输出；其余为相同种子、以两种电量开始的完整"
         "运行。",
     ),
     "perturbed": (
@@ -48,12 +48,12 @@ CAPTIONS = {
         "driven in the simulator. Left: every point that a method tried, large on its own front. Right: those of the fronts on "
         "seeds that no search saw.",
         "在限度内改变策略的指令（速度系数 0.7 至 1.15，偏移 0.05 m/s，转向系数 0.85 至 1.15）并在仿真中执行。左：各方法尝试过的所有点，"
-        "大点位于其自身前沿。右：前沿上的点在未参与搜索的种子上的结果。",
+        "大点位于该方法自身的前沿上。右：前沿上的点在未参与搜索的种子上的结果。",
     ),
     "failures": (
         "Search for settings of a scenario in which the policy fails. Black: the scenario as it is. Yellow: all episodes of a "
         "search. Red: the worst settings that it found, on seeds that it did not see. Wilson intervals, 95 %.",
-        "搜索使策略失败的场景参数。黑：原场景。黄：一次搜索的全部运行。红：所找到的最坏参数在未见种子上的结果。95 % Wilson 区间。",
+        "搜索使策略失败的场景参数。黑：原场景。黄：一次搜索的全部运行。红：所找到的最坏参数在未见过的种子上的结果。95 % Wilson 区间。",
     ),
     "trajectories": (
         "Paths of three arms through the same rooms, which are drawn as they stand when the policy arrives. Crosses end in a contact; the dashed frame is what the policy sees last.",
@@ -62,7 +62,7 @@ CAPTIONS = {
     "traffic": (
         "Traffic of highway-env: energy of a journey of 300 m over the least gap to another car, means with 95 % intervals. "
         "A line is one training; p is the preference, 0 all safety, 1 all thrift. The planner keeps lane and distance.",
-        "highway-env 交通场景：300 m 行程的能耗与和其他车辆的最小间距（均值与 95 % 区间）。每条线为一次训练；p 为偏好，0 为全安全，"
+        "highway-env 交通场景：300 m 行程的能耗，对照与其他车辆的最小间隙（均值与 95 % 区间）。每条线为一次训练；p 为偏好，0 为全安全，"
         "1 为全节能。规划器保持车道与车距。",
     ),
     "fleet": (
@@ -76,7 +76,7 @@ CAPTIONS = {
     ),
     "reward_terms": (
         "Weighted reward terms of one crossing, summed up from its start (linear between -1 and 1, logarithmic beyond); below, speed and clearance of the hull (cut at 1.5 m).",
-        "一次穿越中各加权奖励项自起点的累计值（-1 与 1 之间为线性，之外为对数）；下方为速度与机身间距（截于 1.5 m）。",
+        "一次穿越中各加权奖励项自起点的累计值（-1 与 1 之间为线性，之外为对数）；下方为速度与机身间隙（1.5 m 以上截去）。",
     ),
 }
 
