@@ -126,8 +126,8 @@ both = {"astar": astar["info"]["episode"], "cv_sampling": sampling["info"]["epis
 pd.DataFrame(both).loc[rows]
 
 # %% [markdown]
-# `cv_sampling` is better in both numbers here: it *dominates*. But one run is an anecdote. `python kit.py stress` runs
-# hundreds, on the same seeds for each *arm* (whatever drives: a planner or a policy), and prints intervals.
+# `cv_sampling` is better in both numbers here: it *dominates*. But one run is an anecdote. `python kit.py stress` drives
+# a thousand rooms a scenario, the same for each *arm* (whatever drives: a planner or a policy), and prints intervals.
 #
 # ## 3. Four channels
 #

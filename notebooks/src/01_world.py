@@ -107,7 +107,9 @@ else:
 # The first term is *feed-forward*: a good motor needs nothing else. The integral is held in $\pm 0.2$ m, or a blocked
 # wheel would save up a leap (*wind-up*).
 #
-# **Exercise `pid`** (medium, 10 minutes). Numbers in. Return asked [m/s], the new integral [m] and this error [m/s].
+# **Exercise `pid`** (medium, 10 minutes). Numbers: target, measured and the error of the last step [m/s], the integral so
+# far [m]. First add $e\,dt$ to the integral and hold it in its bounds, then use it; $\dot e$ is the change of the error over
+# $dt$. Return asked [m/s], the new integral [m] and this error [m/s].
 
 # %% grade_id="pid" tags=["solution"]
 def pid(target, measured, integral, last_error, dt):
@@ -268,7 +270,7 @@ summary.round(2)
 # ## Change this one line and look
 #
 # - `KI = 4.0` in the second cell: try 40. The wheel overshoots. (The check of `pid` will complain.)
-# - In part 3, what would the cheapest speed be if the computer drew 20 W in place of 5?
+# - The 5 W in your `power`: 20, for a hungrier computer. Where does the cheapest speed go? (The check will complain.)
 # - `planned(arm)` in part 4: `planned(arm + "@max_speed=0.5")`. Cheaper a metre, and how many arrive?
 #
 # Papers: Hart, Nilsson, Raphael, *A formal basis for the heuristic determination of minimum cost paths*, 1968 (A\*);

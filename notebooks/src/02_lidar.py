@@ -125,7 +125,8 @@ plt.show()
 
 
 # %% [markdown]
-# The bands overlap: a dark wall at a slant looks like a person. Intensity is evidence, not a label.
+# The bands overlap: a wall at a slant looks like a person. Intensity is evidence, not a label. (A *phantom* is a faint
+# reflection that stands still for a second or two: a beam meets it, a hull does not. A variant of `low_light` has them.)
 #
 # ## 3. Low light
 #
@@ -139,8 +140,9 @@ plt.show()
 # | lost beams | a share of $0.005 + 0.20\,q$ |
 # | intensity | times $1 - 0.557\,q$ |
 #
-# **Exercise `scan_noise`** (easy, important, 10 minutes). `normal` and `uniform` are a random number a beam; a beam is
-# lost where `uniform` is below the share, and then reads 10 m and intensity 0. A reading stays in [0.05, 10] m.
+# **Exercise `scan_noise`** (easy, important, 10 minutes). `normal` and `uniform` are a random number a beam, `ambient_lux` is
+# one number. A reading is the range plus $\sigma$ times `normal`, held in [0.05, 10] m. A beam is lost where `uniform` is
+# below the share, and then reads 10 m and intensity 0.
 
 # %% grade_id="scan_noise" tags=["solution"]
 def scan_noise(ranges, intensities, ambient_lux, normal, uniform):
@@ -199,8 +201,8 @@ print(f"at 5 lux: {100 * np.mean(~back):.0f} % lost, sigma {100 * sigma:.1f} cm,
 # ## 4. Ghosts, and a filter of one line
 #
 # The library adds one thing more: bursts of three to eight neighbouring echoes from nothing, faint ones. A robot that
-# believes them brakes for air. But a real thing that near would be bright. So count the intensity back to 1 m and
-# distrust what is fainter than any surface:
+# believes them brakes for air. But a real thing that near would be bright. So ask how bright each echo would be from 1 m,
+# and distrust what is fainter than any surface:
 #
 # $$I \cdot \left(1 + 4\left(\max(0, r - 1)/9\right)^2\right) < \text{WEAK}$$
 
@@ -232,7 +234,7 @@ pd.DataFrame(
 #
 # ## Change this one line and look
 #
-# - `WEAK = 0.06`: 0.03 and 0.12. What do you gain, what do you lose? (People in dark trousers are at 0.06 at a slant.)
+# - `WEAK = 0.06`: 0.03 and 0.12. What do you gain, what do you lose? (Trousers that a beam just grazes are at 0.06.)
 # - `seed=8` in part 1: another room, and your rays still agree.
 # - In `scan_noise`, give lost beams the range 0 in place of 10. What would a robot do that brakes for near things?
 #

@@ -216,9 +216,9 @@ print(", ".join(f"{scenario} at most {age.max():.1f} s" for scenario, age in age
 # $$\text{ahead} = 0.1\,(31.5 - \text{row}) \qquad \text{left} = 0.1\,(31.5 - \text{column})$$
 #
 # turn and shift it by the new pose into the world, then back by the old pose; the old row is
-# $\lfloor 32 - \text{ahead}' / 0.1 \rfloor$, the column likewise. What falls outside is unknown.
+# $\lfloor 32 - \text{ahead}' / 0.1 \rfloor$, the column likewise from $\text{left}'$. What falls outside is unknown, 1/6.
 #
-# **Exercise `cache`** (hard, important, 15 minutes). `pose_sent`, `pose_now`: odometry x, y, heading.
+# **Exercise `cache`** (hard, important, 15 minutes). `pose_sent`, `pose_now`: odometry x, y [m], heading [rad], in the world.
 
 # %% grade_id="cache" tags=["solution"]
 def cache(image, pose_sent, pose_now):
@@ -289,7 +289,7 @@ print(", ".join(f"{name} {right[name].mean():.2f}" for name in ("no cache", "you
 # expect: no cache 0.64, yours 0.81, library 0.98
 
 # %% [markdown]
-# The library does one thing more: it keeps more than the image shows, and lays the present scan over it, since that
+# The library does two things more: it keeps more than the image shows, and lays the present scan over it, since that
 # needs no link. What remains wrong is what only the mapper has seen.
 #
 # ## 5. The guide point

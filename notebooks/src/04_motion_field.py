@@ -46,8 +46,8 @@ lesson_style()
 #
 # $$q' = R(\theta')^{\top}\left(p + R(\theta)\,q - p'\right) \qquad R(\theta) = \begin{pmatrix} \cos\theta & -\sin\theta \\ \sin\theta & \cos\theta \end{pmatrix}$$
 #
-# **Exercise `compensate`** (medium, very important, 10 minutes). `points` is (p, 2): ahead, left [m]. Poses are x, y,
-# heading by odometry.
+# **Exercise `compensate`** (medium, very important, 10 minutes). `points` has a row a point: ahead, left [m]. Poses are
+# x, y [m], heading [rad] by odometry.
 
 # %% grade_id="compensate" tags=["solution"]
 def compensate(points, pose_then, pose_now):
@@ -245,8 +245,8 @@ print(f"towards: x {towards.x}, radial {towards.radial}; to the right: x {crossi
 # expect: towards: x 0.0, radial 1.0; to the right: x 0.8, radial 0.0
 
 # %% [markdown]
-# `x` is blind for who walks straight at the robot. (The article says that the other part adds less than 5 %; its people
-# all cross sideways.) `radial` is blind for who crosses. `speed` sees both and cannot tell them apart.
+# `x` is blind for who walks straight at the robot. (The article says that the other part adds less than 5 %; its crowd
+# crosses sideways.) `radial` is blind for who crosses. `speed` sees both and cannot tell them apart.
 #
 # And all three are blind for the slow. From the first to the last image somebody at 0.4 m/s moves 8 cm, less than a
 # cell:
@@ -263,7 +263,7 @@ print(f"seen: {seen[1]:.1f} of the moments at 0.4 m/s, {seen[5]:.1f} at 1.2 m/s"
 
 # %% [markdown]
 # Three scans are too short a memory. The kit's own channel comes from a *tracker* that follows people over many scans
-# and paints where they will be in the next two seconds: the deeper the colour, the sooner. Lesson 05 builds it. The four
+# and paints where they will be in the next two seconds: the deeper the colour, the sooner. Lesson 05 opens it. The four
 # beside each other while five people cross, red above 0, blue below, echoes in black:
 
 # %%
@@ -295,8 +295,7 @@ else:
 #
 # - `place` in `watched`: put the walker at (1.0, 1.5). Which directions does `radial` miss now?
 # - `recorded("crowd_crossing", 1)`: `("navigation", 37)`. How fast do its walls move?
-# - In `images_of`, compensate with the poses of *one scan earlier*, as if odometry came 0.1 s late. How much is that
-#   worth?
+# - `poses = [poses[0], *poses[:-1]]` as first line of `images_of`: odometry comes 0.1 s late. How fast do walls move now?
 #
 # Papers: Farneback, *Two-frame motion estimation based on polynomial expansion*, SCIA 2003, eqs. 4 to 8; Baker and
 # others, *A database and evaluation methodology for optical flow*, IJCV 2011, section 4 (endpoint error).

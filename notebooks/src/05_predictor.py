@@ -77,8 +77,8 @@ check("constant_velocity", constant_velocity)
 # | FDE | final displacement error: $d$ at one moment, averaged over the movers |
 # | hit rate | share of movers with $d \le$ 0.3 m at 1 s, or $d \le$ 0.5 m at 2 s |
 #
-# **Exercise `displacement_errors`** (medium, important, 10 minutes). Return a dictionary with `ade_m`, `fde_1s_m`,
-# `fde_2s_m`, `hit_1s`, `hit_2s`.
+# **Exercise `displacement_errors`** (medium, important, 10 minutes). Both arrays are (m, 20, 2): mover, step, x and y [m].
+# Return a dictionary with `ade_m`, `fde_1s_m`, `fde_2s_m` [m] and `hit_1s`, `hit_2s`, shares in [0, 1].
 
 # %% grade_id="displacement_errors" tags=["solution"]
 def displacement_errors(predicted, happened):

@@ -77,10 +77,12 @@ print(f"parked and racing differ by {np.abs(parked - racing).max():.1f}")
 # | `map_age` | age / 2 s, clipped to $[0, 1]$ |
 # | `preference` | 0 all safety, 1 all thrift |
 #
-# Sine and cosine, since an angle jumps from $\pi$ to $-\pi$ just behind the robot. Straight ahead (0, 1) if $d = 0$.
+# Sine and cosine, since an angle jumps from $\pi$ to $-\pi$ just behind the robot. Where $d = 0$: sine 0, cosine 1, as
+# straight ahead.
 #
 # **Exercise `paint_bands`** (medium, important, 15 minutes). Band k fills rows `BAND_EDGES[k]` to `BAND_EDGES[k + 1]`, the
-# last one excluded. `ego.twist`, `ego.battery`, `ego.goal_robot`, `ego.guide_robot`, `ego.map_age_s`, `ego.preference`.
+# last one excluded. `ego.twist` is v [m/s], omega [rad/s]; `ego.goal_robot` and `ego.guide_robot` are x ahead, y to the
+# left [m]; `ego.battery`, `ego.map_age_s` [s] and `ego.preference` are numbers.
 
 # %% grade_id="paint_bands" tags=["solution"]
 def paint_bands(ego: Ego):
@@ -156,7 +158,8 @@ check("project_intensity", project_intensity)
 # The order matters: the network's weights belong to it. (The article adds a batch axis here and then joins a 4-D with a
 # 3-D tensor, which raises.)
 #
-# **Exercise `encode_state`** (easy, very important, 5 minutes). `scans` are `(3, 1080, 2)`, oldest first. Float32.
+# **Exercise `encode_state`** (easy, very important, 5 minutes). `scans` are `(3, 1080, 2)`, oldest first, `poses` `(3, 3)`,
+# `map_crop` `(64, 64)`. Float32, no batch axis.
 
 # %% grade_id="encode_state" tags=["solution"]
 def encode_state(scans, poses, map_crop, ego: Ego):

@@ -90,8 +90,9 @@ plt.show()
 #
 # $\lambda = 0$ trusts the critic alone, $\lambda = 1$ the rewards alone. $R_t$, the return, is what the critic learns next.
 #
-# **Exercise `gae`** (medium, very important, 15 minutes). All arrays are `(steps, n)`. `next_values[t]` is $V(s'_t)$:
-# where an episode ended, the value of its own last observation. Give back advantages and returns.
+# **Exercise `gae`** (medium, very important, 15 minutes). All arrays are `(steps, n)`, the two flags are bools.
+# `next_values[t]` is $V(s'_t)$: where an episode ended, the value of its own last observation. Beyond the last row $A$
+# counts as 0. Give back advantages and returns.
 
 # %% grade_id="gae" tags=["solution"]
 def gae(rewards, values, next_values, terminated, truncated, gamma=0.99, gae_lambda=0.95):
@@ -193,7 +194,7 @@ print(f"largest difference {difference:.3f}; returns minus values {definition:.3
 # ## Change this one line and look
 #
 # - In `error_of`, the critic's `2.0`: with 0.2 and with 10, where does the least error go?
-# - In `learned_value`, pieces of 50 steps: with 500, how much does the wrong critic lose?
+# - In `learned_value`, `50` in both places: with 500, how much does the wrong critic lose?
 # - In `rollout`, let all robots sleep (`actions[0:] = 0.0`): how many episodes are terminated?
 #
 # Papers: Schulman et al., *High-dimensional continuous control using generalized advantage estimation*, 2016, eq. 16;

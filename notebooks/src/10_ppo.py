@@ -100,20 +100,22 @@ check("value_loss", value_loss)
 # %% [markdown]
 # ## 3. The update
 #
-# The same data is used for `settings.epochs` rounds. In each:
+# The same data is used for `settings.epochs` rounds. The $N$ samples stand in `batch.observations`, `.actions`, `.log_probs`
+# (of the old policy), `.advantages` and `.returns`; rows are taken out of each by `[rows]`. In each round:
 #
 # 1. put the samples into a new order, `rng.permutation(N)`, and cut it into pieces of `settings.minibatch`;
 # 2. **normalise** the piece's advantages: minus their mean, over their deviation (add 1e-8);
 # 3. the policy: `parameters = actor(observations)`, then `actor.head.judge(parameters, actions)` gives log-probabilities
-#    and entropies; minimise `policy_loss - settings.entropy_coef * entropy`;
+#    and entropies; minimise `policy_loss`, with `settings.clip_range`, minus `settings.entropy_coef` times the mean entropy;
 # 4. the values: minimise `value_loss(critic(observations), returns)`;
 # 5. before each step clip the gradient: `torch.nn.utils.clip_grad_norm_(net.parameters(), settings.max_gradient_norm)`.
 #
 # And a brake. The mean of $r - 1 - \ln r$ tells how far the policy has moved (a KL divergence, never below 0). Where it
 # exceeds `1.5 * settings.target_kl`, the policy takes no further step in this update; the values may go on.
 #
-# **Exercise `update`** (hard, very important, 25 minutes). `optimizers` are one for the policy and one for the values.
-# Return a dictionary with `policy_loss`, `value_loss`, `entropy` and `approx_kl`, as numbers.
+# **Exercise `update`** (hard, very important, 25 minutes). `optimizers` are one for the policy and one for the values. Leave
+# the batch as it is. Return a dictionary with `policy_loss`, `value_loss`, `entropy` and `approx_kl` (that mean of
+# $r - 1 - \ln r$) of the last piece, as numbers.
 
 # %% grade_id="update" tags=["solution"]
 def update(actor, critic, optimizers, batch: Batch, settings: PPO, rng) -> dict:
@@ -153,8 +155,8 @@ check("update", update)
 # %% [markdown]
 # ## 4. Watch it learn
 #
-# A point on a line, pushed left or right; the reward is $-x^2$, and 25 steps later the clock cuts the episode off. The
-# loop below is all of PPO: collect, estimate, update.
+# A point on a line, pushed left or right; the reward is $-x^2$, and after 25 steps the clock cuts the episode off. The
+# loop at the end of the next cell is all of PPO: collect (`collect.py`), estimate, update.
 
 # %%
 class Line:

@@ -71,7 +71,8 @@ print(f"a {training.grain} network, learning rates {settings.learning_rate_actor
 # ## 3. From a rollout to a batch
 #
 # Advantages are estimated a term at a time and summed with their weights: GAE is linear (lesson 09). Each value head learns
-# its own term, divided by that term's running deviation so that all heads have targets of one size.
+# its own term, divided by that term's running deviation so that all heads have targets of one size. In the sum each
+# advantage is multiplied by that deviation again, so that the weights mean what they mean in the reward.
 
 # %%
 def to_batch(rollout, deviations):
@@ -195,8 +196,10 @@ table[["arm", "episodes", "survived", "mean_min_clearance_m", "mean_energy_j"]].
 #
 # From nothing, PPO must bump into everything before it knows it. The policy that comes with the kit began otherwise: it
 # first *imitated* a planner that sees where everybody really is. The learner drives and the teacher says what it would have
-# done (DAgger), so the lessons are about the mistakes that the learner makes. Then PPO went on. The teacher is needed while
-# learning only; what is shipped sees what yours sees.
+# done (DAgger), so the lessons are about the mistakes that the learner makes.
+#
+# Then PPO went on, with $\gamma = 0.99$ in the goal term: who has been taught to arrive needs no push (lesson 07). The
+# teacher is needed while learning only; what is shipped sees what yours sees.
 #
 # The two ways, on all scenarios at once, for a pause of half an hour or more (stopped, they go on):
 #
@@ -212,7 +215,7 @@ table[["arm", "episodes", "survived", "mean_min_clearance_m", "mean_energy_j"]].
 # - `minutes`: 3, 9, 30. Where does the curve bend?
 # - `"navigation"` in the environments: `["navigation", "crowd_reactive"]`. What does it cost on plain rooms?
 # - `parts = {...}`: add `"encoder": part("encode_state")`, your own eyes. How many steps do they cost?
-# - `training.grain`: `"fine"`. Fewer steps, each seeing more: what wins in nine minutes?
+# - `training.grain` in `make_actor` and `Critic`: `"fine"`. Fewer steps, each seeing more: what wins in nine minutes?
 # - In `to_batch`, leave the deviations out (`deviations = 1`): what happens to the value heads?
 #
 # Source: `training/lesson.yaml`; `python kit.py train --config training/lesson.yaml` is the same with checkpoints. Paper:

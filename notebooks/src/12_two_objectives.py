@@ -242,7 +242,13 @@ sliders(with_preference, preference=(0.0, 1.0, 0.1, 0.8))
 
 # %% [markdown]
 # One room again. `python kit.py measure front` asks on hundreds, for the policy and for planners with their knobs. Yours of
-# lesson 11 is asked by `python ../kit.py evaluate weights/ppo_actor.onnx --preference 0.2`, in the folder of this notebook.
+# lesson 11 is asked, in the folder of this notebook and on tuning seeds, by
+#
+# ```
+# python ../kit.py evaluate weights/ppo_actor.onnx --preference 0.2 --seed-base 1000000
+# ```
+#
+# Do not expect it to listen: it has met $p = 0.5$ alone. `preference: drawn` in `training/lesson.yaml` would change that.
 #
 # ## Change this one line and look
 #

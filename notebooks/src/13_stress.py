@@ -2,7 +2,7 @@
 # # 13 Stress: what a rate is worth
 #
 # **Aim**: run drivers through stress scenarios, read the rates with the doubt that belongs to them, and send a robot of your
-# own through all five.
+# own through the suite.
 #
 # **Time**: 30 minutes for you, 50 s of CPU. **Number to expect**: the article's "92 % of 100 runs" means anything from
 # **85 % to 96 %**.
@@ -43,7 +43,8 @@ lesson_style()
 #
 # The formula of the newspapers puts $\hat p$ under the root on the left, too; then 0 of 20 is *certain* failure.
 #
-# **Exercise `wilson_interval`** (easy, important, 10 minutes). Numbers or arrays of them; $z$ is `Z`.
+# **Exercise `wilson_interval`** (easy, important, 10 minutes). Numbers or arrays of them; $z$ is `Z`. Return the pair of ends,
+# the lower one first, as shares in [0, 1].
 
 # %% grade_id="wilson_interval" tags=["solution"]
 def wilson_interval(successes, trials):
@@ -179,7 +180,7 @@ status(export="parts")
 #
 # Your policy drives in worlds whose observations are made by your encoder and whose rewards by your terms, and stands in
 # the tables as `ppo_actor + own parts` (`ppo + own parts`: the policy that comes with the kit, while you have none).
-# Tables, figures and `report.md` lie in `stress_tests/results`. `--arms astar` sends another driver; without
+# Tables, figures and `report.html` lie in `stress_tests/results`. `--arms astar` sends another driver; without
 # `--long-runs 0` the first arm drives ten times three hours as well.
 #
 # ## Change this one line and look

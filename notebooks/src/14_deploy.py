@@ -138,14 +138,16 @@ plt.show()
 #
 # ## 4. How soon does it answer? Ask its twin
 #
-# Computing fast is not reacting soon. The article says 200 ms, and does not say from what to what. A clean question: a box
-# pops up; which is the *first command that would have been another one without it*? So drive the same episode twice, side by
-# side, with the box and without. From the first scan that shows the box, count ticks of 0.1 s until the commands differ by
-# more than 0.05 m/s or 0.1 rad/s.
+# Computing fast is not reacting soon. The article allows 200 ms from the thing in the lidar's view to another command. But
+# commands change all the time: which change was the answer?
 #
-# **Exercise `ticks_to_answer`** (easy, 10 minutes). Two arrays of commands, (steps, 2), the drive with the box and its twin
-# without; `seen` is the step whose scan shows the box first. The command of that very step is tick 1. No command differs
-# from there on? `float("nan")`.
+# A clean question: a box pops up; which is the *first command that would have been another one without it*? So drive the
+# same episode twice, side by side, with the box and without. From the first scan that shows the box, count ticks of 0.1 s
+# until the commands differ by more than 0.05 m/s or 0.1 rad/s.
+#
+# **Exercise `ticks_to_answer`** (easy, 10 minutes). Two arrays of commands v [m/s], omega [rad/s], (steps, 2): the drive with
+# the box and its twin without. `seen` is the row whose scan shows the box first, and the command of that very row is
+# tick 1. One of the two numbers is enough to differ. No command differs from there on? `float("nan")`.
 
 # %% grade_id="ticks_to_answer" tags=["solution"]
 def ticks_to_answer(driven, twin, seen):
@@ -197,8 +199,9 @@ for text, wrong in (("three channels", images[:1, :3]), ("no batch axis", images
 # %% [markdown]
 # ## Change this one line and look
 #
-# - `images[k % len(images)][None]`: sixteen images at once. What does one cost then?
+# - `images[k % len(images)][None]` in part 3: `images[:16]`, sixteen at once. What does one cost then?
 # - `torch.set_num_threads(1)`: with 2, is a single command faster?
-# - `memory=0.5` in the card: with 0 each image is read alone. Does the robot tremble? (With a policy of your own.)
+# - `memory=training.memory` in part 5 of lesson 11: with 0 each image is read alone. Run that cell again while its
+#   notebook is open, then this lesson. Does the robot tremble?
 #
 # Source: the article's 3.3 and 5.2; `dualnav_lite/deploy.py`.

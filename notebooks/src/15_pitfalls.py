@@ -282,5 +282,5 @@ print(f"92 of 100 runs means any rate from {low:.0f} to {high:.0f} % (lesson 13)
 # - `LISTINGS`: mend one with the least change, run the cell, and see "runs".
 # - In part 1, the reckless driver's `0.1`: at which distance does the running deviation stop caring?
 #
-# The whole list, with the kit's answer to each row, stands in the lessons named here: 06 (state), 07 (rewards), 09 and 10
-# (PPO), 12 (fronts), 13 (rates).
+# The whole list, with the kit's answer to each row, stands in the lessons: 04 (flow), 05 (predictor), 06 (state), 07
+# (rewards), 08 (the loop), 09 and 10 (PPO), 12 (fronts), 13 (rates), 14 (latency).

@@ -8,9 +8,9 @@
 # nothing; a car drives **18 m** for it.
 #
 # Whoever writes the world *and* the learner may have fitted one to the other without noticing. The cure is a world made by
-# others: [highway-env](https://highway-env.farama.org) holds a parking place and a road. Nothing in `ppo.py`, `rollout.py`
-# and `policy.py` is changed for it. What has to be written is what this lesson is about: **observation and reward of a
-# car, in the words of the robot**.
+# others: [highway-env](https://highway-env.farama.org) holds a parking place and a road. Nothing in `ppo.py`,
+# `collect.py`, `rollout.py`, `policy.py` and `trunks.py` is changed for it. What has to be written is what this lesson is
+# about: **observation and reward of a car, in the words of the robot**.
 
 # %% tags=["parameters"]
 quick = False  # the tests train for a few seconds, which teaches nothing
@@ -82,8 +82,9 @@ print(f"{observation.shape[0]} numbers seen, actions up to {[round(float(most), 
 # | terminal | +10 arrived, -10 touched | the same |
 #
 # **Exercise `car_safe`** (medium, 5 minutes). How much of what is asked for is missing: of the gap, $1 - d / d_{safe}$; of
-# the time to the car ahead, $1 - t / 1.5\,\mathrm{s}$. The worse of the two counts, squared, and a contact costs 0.9. Numbers,
-# no arrays; `time_gap` is infinite where nobody is ahead.
+# the time to the car ahead, $1 - t / 1.5\,\mathrm{s}$; never less than 0. The worse of the two counts: the penalty is $-0.9$
+# times its square, so a contact costs 0.9. Numbers, no arrays: `clearance` and `safe_m` are $d$ and $d_{safe}$ [m],
+# `time_gap` is $t$ [s], infinite where nobody is ahead.
 
 # %% grade_id="car_safe" tags=["solution"]
 def car_safe(clearance, time_gap, safe_m):
@@ -156,9 +157,9 @@ print(f"turned round where it should stand: {way:.0f} m to drive, beeline 0 m")
 # way out leads away first. **The reward must measure the way that this body can go.** (For the robot, lesson 07: through the
 # door, not through the wall.)
 #
-# One thing more. The robot's goal term is $\gamma\,\Phi(s') - \Phi(s)$. Whoever waits collects $(1 - \gamma)\,|\Phi|$ of it at
-# each step, and for a slow car with a long way that is as much as driving earns. So the car's term takes $\gamma = 1$: a way
-# back costs what the way forth paid, and waiting pays nothing.
+# One thing is as in lesson 07: the goal term $\gamma\,\Phi(s') - \Phi(s)$ takes $\gamma = 1$. With the trainer's $\gamma$
+# whoever waits would collect $(1 - \gamma)\,|\Phi|$ at each step, for a car with a long way as much as driving earns. With
+# 1 a way back costs what the way forth paid, and waiting pays nothing.
 #
 # ## 4. PPO parks
 #

@@ -114,8 +114,8 @@ plt.show()
 # does both believes its own luckiest mistake. `dqn.py` is one page; read its table of details.
 #
 # **Exercise `td_target`** (medium, important, 10 minutes). Tensors: `values` (n, streets) of the first network in the next
-# states, `slow_values` of the copy, `rewards` and `terminated` (n,). A street that does not exist has the value $-\infty$ in
-# both, and at home all of them may.
+# states, `slow_values` of the copy, `rewards` and the bools `terminated` (home) (n,); `gamma` is a number. A street that does
+# not exist has the value $-\infty$ in both, and at home that may be all of them.
 
 # %% grade_id="td_target" tags=["solution"]
 def td_target(values, slow_values, rewards, terminated, gamma):
@@ -194,7 +194,7 @@ plt.show()
 #
 # - `MINUTE` in part 2: at which hour is the shortest way also the safest?
 # - `steps` in part 3: how few streets are enough for 5 % of excess?
-# - `train_walker(town, steps, goals=None, on_step=note)`: any goal, not only home. How much more must be learned?
+# - `goals=None` as one more argument of `train_walker`: any goal, not only home. How much more must be learned?
 #
 # Papers: Mnih et al., *Human-level control through deep reinforcement learning*, Nature 518 (2015), algorithm 1; van
 # Hasselt, Guez, Silver, *Deep reinforcement learning with double Q-learning* (2016), eq. 4; Ng, Harada, Russell, *Policy
