@@ -15,6 +15,10 @@ ENDLESS = Text("a wall ends: u must lie in [0, 1]", "墙有两端：u 必须在 
 NEAREST = Text("of all walls the nearest counts", "所有墙中取最近的")
 CAPPED = Text("nothing within range reads range_max", "量程内没有东西时读数为 range_max")
 UNITS = Text("bearings are in radians", "方位角的单位是弧度")
+PRODUCT = Text(
+    "nothing is met: look at the order of the cross products, t = (a - p) x e over d x e",
+    "什么都没碰到：检查叉积的次序，t = (a - p) x e 除以 d x e",
+)
 WALL = np.array([[3.0, -5.0, 3.0, 5.0]])
 
 
@@ -24,7 +28,9 @@ def a_wall_ahead_is_met(mine):
         "前方 3 m 处有墙：正前 3 m，45 度方向 3 sqrt(2) m",
     )
     given = {"pose": np.zeros(3), "bearings": np.array([0.0, np.pi / 4]), "segments": WALL, "range_max": 10.0}
-    expect(claim, mine, given, np.array([3.0, 3.0 * np.sqrt(2)]), [(np.array([10.0, 10.0]), UNITS)])
+    usual = [(np.array([10.0, 10.0]), PRODUCT)]
+    usual += [(3.0 / np.cos([0.0, turned(np.pi / 4)]), UNITS) for turned in (np.radians, np.degrees)]
+    expect(claim, mine, given, np.array([3.0, 3.0 * np.sqrt(2)]), usual)
 
 
 def beams_turn_with_the_robot(mine):
