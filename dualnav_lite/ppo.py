@@ -54,7 +54,7 @@ class PPO(Frozen):
 
     learning_rate_actor: Positive = 3e-4  # article 3.2
     learning_rate_critic: Positive = 1e-3  # article 3.2
-    gamma: Annotated[float, Field(gt=0, le=1)] = 0.99  # article 3.2; keep equal to `config.rewards.gamma`
+    gamma: Annotated[float, Field(gt=0, le=1)] = 0.99  # article 3.2
     gae_lambda: Share = 0.95
     epochs: Count = 4  # the article's K_epochs is 10
     clip_range: Positive = 0.15  # article 3.2
