@@ -5,7 +5,7 @@ import re
 
 MOST_LINES, MOST_LINE = 12, 160
 COLOURS = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
-PLACE = re.compile(r"solution-(\d+)")  # ids that `rebuild.rebuilt` gives
+PLACE = re.compile(r"solution-([0-9]{1,4})")  # ids that `rebuild.rebuilt` gives
 
 
 def said_by(executed: bytes, order: tuple[tuple[str, str], ...]) -> dict[str, str]:

@@ -31,7 +31,7 @@ def answer(function, arrays: dict, word: str, number: int) -> bytes:
     try:
         return wire.pack("reply", number, "", function(arrays))
     except Exception as error:
-        name = "".join(c for c in type(error).__name__ if c.isalnum() or c == "_")[: wire.MOST_NAME]
+        name = "".join(c for c in type(error).__name__ if c.isascii() and (c.isalnum() or c == "_"))[: wire.MOST_NAME]
         return wire.pack("error", number, name, {})
 
 
