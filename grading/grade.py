@@ -138,7 +138,8 @@ def merge(folders: list[Path], out: Path, rubric: Rubric, overrides, late) -> li
     """Tables of shards that were graded apart, as if they had been graded together.
 
     Raises:
-        UnusableInput: a folder holds no finished run, or the runs were not made with the same grader, key and tier.
+        UnusableInput: a folder holds no finished run, the runs were not made with the same grader, key and tier, or a
+            student stands in two of them.
     """
     runs = [read_result(folder / "run.json") for folder in folders]
     if not runs or None in runs:
@@ -150,5 +151,7 @@ def merge(folders: list[Path], out: Path, rubric: Rubric, overrides, late) -> li
         results = [read_result(path) for path in paths]
         if None in results:
             raise UnusableInput("merge: a shard has a submission that stayed ungraded; run it again")
+        if len({one["student_id"] for one in results}) < len(results):
+            raise UnusableInput("merge: a student stands in two shards; name each shard once")
         write_times(out, paths)
         return write_tables(out, results, rubric, overrides, late, runs[0]["tier"])

@@ -16,7 +16,8 @@ class Form:
     """How a system's own table is filled.
 
     Attributes:
-        ids: columns of which one holds the student's id; the first that fits a row counts.
+        ids: columns of which one holds the students' ids: the one with most of them, since numbers of other columns may
+            be somebody else's.
         points: column that takes the points; empty where the caller names it.
         skip: rows above the first student, below the header.
         id_of: from a cell to an id.
@@ -74,11 +75,11 @@ def fill(system: str, template: bytes, points: dict[str, str], column: str = "")
     if wanted not in header:
         raise UnusableInput(f"the template has no column '{wanted}'; name the one that takes the points by --column")
     place, missing = header.index(wanted), set(points)
-    for line in lines[1 + form.skip :]:
-        if len(line) != len(header):
-            continue
-        mine = next((form.id_of(line[k]) for k in ids if form.id_of(line[k]) in points), None)
-        if mine is not None:
+    students = [line for line in lines[1 + form.skip :] if len(line) == len(header)]
+    named = max(ids, key=lambda k: len(points.keys() & {defused(form.id_of(line[k])) for line in students}))
+    for line in students:
+        mine = defused(form.id_of(line[named]))  # as it stands in grades.csv
+        if mine in points:
             line[place] = points[mine]
             missing.discard(mine)
     text = io.StringIO(newline="")

@@ -161,7 +161,7 @@ def read_overrides(path: Path | None, rubric: Rubric) -> dict[tuple[str, str], t
         key = row["student_id"], row["exercise"]
         try:
             points = float(row["points"])
-        except ValueError:
+        except (TypeError, ValueError):  # a short line has no such cell
             points = -1.0
         if row["exercise"] not in most or not 0.0 <= points <= most[row["exercise"]]:
             raise UnusableInput(f"{path.name}, line {k}: exercise or points that the rubric does not know")

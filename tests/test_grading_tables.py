@@ -17,7 +17,7 @@ from dualnav_lite import course
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.exercises import stub
 from grading.feedback import REASONS, page, reason_text, reasons, zipped
-from grading.grade import write_tables
+from grading.grade import merge, write_tables
 from grading.late import late_shares
 from grading.left_behind import left_behind
 from grading.lesson import Outcome
@@ -25,8 +25,8 @@ from grading.lms import fill, gradescope_results, totals
 from grading.room import NOTEBOOKS
 from grading.rubric import Late, load_rubric
 from grading.said import said_by
-from grading.store import to_json
-from grading.tables import rows_of
+from grading.store import to_json, write_whole
+from grading.tables import read_overrides, rows_of
 from grading.tasks import questions_of
 
 EVIL = "<script>alert(1)</script>"
@@ -102,6 +102,7 @@ def test_what_a_cell_said_is_kept_whatever_comes_out_of_the_sandbox():
         b'{"cells": 3}',
         b'{"cells": [{"id": "solution-1"}]}',
         b'{"cells": [3]}',
+        json.dumps({"cells": [cells[0] | {"id": "solution-" + "9" * 5000}]}).encode(),  # no number of Python's
     ):
         assert said_by(nothing, order) == {}
 
@@ -166,6 +167,29 @@ def test_points_go_into_the_row_of_their_student_and_nothing_else_changes(system
     assert [new for _, _, new in changed] == [f"{load_rubric().total:g}"]
     with pytest.raises(UnusableInput):
         fill(system, b"x,y\n1,2\n", points)
+
+
+def test_a_number_of_another_column_is_not_taken_for_a_students_id():
+    template = "Student,ID,SIS User ID,HW\nPoints Possible,,,25\nA,8,7,\nB,98,8,\nC,7,6,\nD,5,-d,\n"
+    filled, missing = fill("canvas", template.encode(), {"7": "1", "8": "2", "'-d": "3"}, "HW")
+    assert [row[3] for row in csv.reader(io.StringIO(filled.decode()))] == ["HW", "25", "1", "2", "", "3"]
+    assert missing == []
+
+
+def test_a_student_who_stands_in_two_shards_is_not_counted_twice(tmp_path):
+    for k in (1, 2):
+        result = a_result("7")
+        write_whole(tmp_path / str(k) / "results" / "a.json", to_json(result))
+        write_whole(tmp_path / str(k) / "run.json", to_json({"fingerprint": "f", "tier": "A", "results": ["a.json"]}))
+    assert len(merge([tmp_path / "1"], tmp_path / "out", load_rubric(), {}, {})) == len(load_rubric().points())
+    with pytest.raises(UnusableInput, match="in two shards"):
+        merge([tmp_path / "1", tmp_path / "2"], tmp_path / "out", load_rubric(), {}, {})
+
+
+def test_a_short_line_of_overrides_is_refused(tmp_path):
+    (tmp_path / "changes.csv").write_text("student_id,exercise,points,reason\n7,gae\n", encoding="utf-8")
+    with pytest.raises(UnusableInput, match="line 2"):
+        read_overrides(tmp_path / "changes.csv", load_rubric())
 
 
 def test_an_ungraded_student_gets_no_zero_anywhere():
