@@ -29,5 +29,5 @@ def sweep() -> None:
     for path in Path(tempfile.gettempdir()).glob(f"{PREFIX}*-*-*"):
         pid, since, _ = path.name.removeprefix(PREFIX).split("-", 2)
         with contextlib.suppress(OSError):
-            if pid.isdigit() and began(int(pid)) != since and path.stat().st_uid == os.geteuid():
+            if pid.isdigit() and began(int(pid)) != since and path.lstat().st_uid == os.geteuid():
                 remove(path)

@@ -151,7 +151,8 @@ def _one(entry, wanted: frozenset[str]) -> Submission:
     if moodle:
         submission = Submission(moodle["id"], entry.name)
     elif is_plain(entry.name):
-        submission = Submission(entry.name.removeprefix(PACKED) or entry.name, entry.name)
+        student = entry.name.removeprefix(PACKED)
+        submission = Submission(entry.name if student in ("", ".", "..") else student, entry.name)
     else:
         safe = hashlib.sha256(os.fsencode(entry.name)).hexdigest()[:12]
         return Submission(f"unnamed-{safe}", "", rejected="folder_name", sha256=digest({}))

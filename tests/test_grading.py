@@ -1,5 +1,6 @@
 """Grading: the sandbox denies, the scorer tells right from wrong, intake opens nothing hostile, tables stay inert."""
 
+import ast
 import importlib
 import os
 import shutil
@@ -15,10 +16,10 @@ from dualnav_lite.exercises import stub
 from grading import tasks
 from grading.adapters import ADAPTERS
 from grading.intake import take_in
-from grading.masking import masked
+from grading.masking import masked, masked_copy
 from grading.probe import leaks, probe
 from grading.rebuild import read_master, rebuilt, solution_cells
-from grading.room import NOTEBOOKS
+from grading.room import NOTEBOOKS, PACKAGE
 from grading.rubric import load_rubric
 from grading.secret import Secret, load_secret, make_key
 from grading.tables import defused, to_csv
@@ -104,6 +105,19 @@ def test_masked_bodies_are_gone_from_the_copy():
         space["g"]()
     with pytest.raises(UnusableInput):
         masked(text, {"missing": "e"}, "m")
+
+
+def test_no_masked_body_is_left_anywhere_in_the_copy(tmp_path):
+    mask = load_rubric().mask()
+    copy = masked_copy(PACKAGE, mask, tmp_path / "copy")
+    texts = [path.read_text(encoding="utf-8") for path in copy.rglob("*.py")]
+    for symbol in mask:
+        module, _, name = symbol.partition(":")
+        source = (PACKAGE / f"{module.replace('.', '/')}.py").read_text(encoding="utf-8")
+        node = next(one for one in ast.parse(source).body if getattr(one, "name", "") == name)
+        body = [one for one in node.body if not isinstance(one, ast.Expr)]  # without the docstring
+        lines = source.splitlines()[body[0].lineno - 1 : body[-1].end_lineno]
+        assert not any("\n".join(lines) in text for text in texts), symbol
 
 
 def test_a_notebook_gives_nothing_but_the_source_of_its_solution_cells():
@@ -199,9 +213,10 @@ def test_the_shares_of_a_task_add_up():
 
 
 def test_what_kit_submit_packs_is_of_the_student_whom_it_names(tmp_path):
-    for name in ("submission_anna", "submission_", "ben"):
+    for name in ("submission_anna", "submission_", "submission_..", "ben"):
         (tmp_path / name).mkdir()
-    assert [one.student_id for one in take_in(tmp_path, WANTED)] == ["anna", "ben", "submission_"]
+    found = [one.student_id for one in take_in(tmp_path, WANTED)]
+    assert found == ["anna", "ben", "submission_", "submission_.."]  # an id may name a folder of results
     (tmp_path / "anna").mkdir()
     with pytest.raises(UnusableInput, match="same student"):
         take_in(tmp_path, WANTED)

@@ -23,8 +23,10 @@ def test_only_what_nobody_living_made_is_swept(room):
     other = room / "something-else-here"
     for folder in (dead, used_again, other):
         (folder / "within").mkdir(parents=True)
+    (room / f"{PREFIX}999999999-1-c").symlink_to(other)
     sweep()
     assert sorted(room.iterdir()) == sorted([mine, other])
+    assert (other / "within").is_dir()
 
 
 def test_a_forked_worker_has_folders_of_its_own():
