@@ -46,10 +46,11 @@ def grade_there(rubric: Rubric, secret: Secret, tier: str, limits: Limits, finge
     """Path, result and times of one submission; the result is None where it stayed ungraded. Runs on a worker."""
     submission, path = task
     try:
-        room = _room(rubric, secret, tier, limits, fingerprint)
+        return path, *grade_timed(_room(rubric, secret, tier, limits, fingerprint), submission)
     except UnusableInput as error:
         return path, None, str(error)
-    return path, *grade_timed(room, submission)
+    except Exception as error:  # this one stays ungraded; raised here it would end the others' grading
+        return path, None, f"grading raised {type(error).__name__}"
 
 
 def run_on_cluster(room: Room, todo: list[tuple[Submission, Path]], cluster: str, say) -> int:

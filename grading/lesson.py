@@ -156,10 +156,10 @@ class _Run:
         while todo := [name for name in self._open() if self._own_parts(name, cells)]:
             with self._session(cells) as session:
                 if isinstance(session, Outcome):
-                    if session.status == "ungraded" or len(cells) == 1:
+                    if session.status == "ungraded":
                         self._outcomes.update({name: session for name in todo})
                     return  # some cell spoils it for the others; each alone tells which
-                ended = self._ask_all(session, todo, len(cells) == 1)
+                ended = self._ask_all(session, todo)
                 if not ended:
                     return
                 del cells[ended]
@@ -167,16 +167,15 @@ class _Run:
     def _own_parts(self, exercise: str, cells: dict[str, str]) -> bool:
         return all(name in cells for name in (exercise, *self._needs(exercise)))
 
-    def _ask_all(self, session, todo: list[str], is_alone: bool) -> str:
+    def _ask_all(self, session, todo: list[str]) -> str:
         """Grade in order; the exercise that ended the sandbox, or nothing."""
         for name in todo:
             if not all(self._has_passed(need) for need in self._needs(name)):
                 continue
             outcome, died = self._ask(session, name, dict.fromkeys(self._needs(name), "student"))
-            if is_alone or not died:
-                self._outcomes[name] = outcome
             if died:
                 return name
+            self._outcomes[name] = outcome
         return ""
 
     def one_by_one(self) -> None:

@@ -69,7 +69,7 @@ class RemotePolicy:
         self._fresh -= set(asked.tolist())
         start = monotonic()
         try:
-            error, answer = self._caller.ask("policy", arrays, max(0.05, self._left))
+            error, answer = self._caller.ask("policy", arrays, self._left)
         except wire.ProtocolError as problem:
             raise PolicyEnded(Outcome(0.0, *cut_off(problem, self._killed_for()))) from None
         self._left -= monotonic() - start

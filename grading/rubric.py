@@ -15,7 +15,7 @@ Points = Annotated[float, Field(gt=0)]
 
 
 class Exercise(Frozen):
-    """One exercise: what it is worth, what it calls, how long a call of it may take."""
+    """One exercise: what it is worth, what it calls, how long its questions may take together."""
 
     points: Points
     needs: tuple[str, ...] = ()

@@ -1,6 +1,7 @@
 """The policy task: hidden worlds on the scorer's side, commands from the other; who passes is decided by intervals."""
 
 import itertools
+import socket
 from types import SimpleNamespace
 
 import numpy as np
@@ -129,3 +130,10 @@ def test_a_rubric_that_does_not_add_up_is_refused(tmp_path):
     (tmp_path / "rubric.yaml").write_text("total: [", encoding="utf-8")
     with pytest.raises(UnusableInput, match="cannot be read"):
         load_rubric(tmp_path / "rubric.yaml")
+
+
+def test_whoever_has_used_up_his_time_is_asked_no_more():
+    here, there = socket.socketpair()
+    with here, there, pytest.raises(PolicyEnded) as end:
+        RemotePolicy(wire.Caller(wire.Connection(here)), 0.0).act(np.zeros((1, 4, 64, 64)), [{}])
+    assert (end.value.outcome.status, end.value.outcome.reason) == ("timeout", "took_too_long")

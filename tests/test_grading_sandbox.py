@@ -1,23 +1,25 @@
 """What holds around a sandbox: it ends with its grader, has a core of its own, and hides every copy of the kit."""
 
 import collections
+import contextlib
 import os
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from dualnav_lite.config import UnusableInput
-from grading import shown, watchdog
+from grading import cluster, shown, watchdog
 from grading.attacks.graded import LESSON, attacked_rubric
 from grading.cores import on_a_core, take_core
 from grading.grade import grade_class
 from grading.intake import Submission
 from grading.job import Job, Limits
-from grading.lesson import grade_lesson
+from grading.lesson import Outcome, _Run, grade_lesson
 from grading.masking import tainted_kernels
 from grading.plain import remove
 from grading.room import NOTEBOOKS, PACKAGE, prepared
@@ -218,3 +220,26 @@ def test_a_kernel_that_does_not_start_in_time_is_nobodys_zero():
         setting = room.setting(LESSON)
         outcomes, _ = grade_lesson(setting, setting.master.solutions)
     assert {(one.status, one.reason) for one in outcomes.values()} == {("ungraded", "sandbox_failed")}
+
+
+def test_a_submission_that_the_grader_cannot_follow_ends_nobody_elses_grading_on_a_cluster(monkeypatch):
+    def raises(room, submission):
+        raise ValueError(submission.student_id)
+
+    monkeypatch.setattr(cluster, "_room", lambda *given: None)
+    monkeypatch.setattr(cluster, "grade_timed", raises)
+    task = (Submission("anna", ""), Path("anna.json"))
+    assert cluster.grade_there(None, None, "A", None, "", task) == (task[1], None, "grading raised ValueError")
+
+
+def test_a_part_that_ends_the_sandbox_is_tried_once_more_also_where_it_is_the_only_one(monkeypatch):
+    endings = [Outcome(0.0, "timeout", "took_too_long"), Outcome(1.0, "passed")]
+    session = contextlib.nullcontext(object())
+    monkeypatch.setattr(_Run, "_session", lambda self, cells: session)
+    monkeypatch.setattr(_Run, "_ask", lambda self, *given: (one := endings.pop(0), one.status != "passed"))
+    lesson = load_rubric().lessons["09_rollout_and_gae"]
+    run = _Run(SimpleNamespace(lesson=lesson), {"gae": ""}, outcomes := {})
+    run.together()
+    assert outcomes == {}
+    run.one_by_one()
+    assert outcomes["gae"].status == "passed"
