@@ -162,10 +162,11 @@ def judge_hypervolume(drives: Drives, policy: Policy, table: list[dict]) -> Outc
 
 
 def grade_policy(setting: Setting, policy: Policy, weights: bytes) -> dict[str, Outcome]:
-    """Outcome of each part of the policy task."""
+    """Outcome of each part of the policy task; what ends the sandbox costs the parts that were not judged before."""
+    outcomes: dict[str, Outcome] = {}
 
-    def all_of(outcome: Outcome) -> dict[str, Outcome]:
-        return dict.fromkeys(policy.points(), outcome)
+    def all_else(outcome: Outcome) -> dict[str, Outcome]:
+        return dict.fromkeys(policy.points(), outcome) | outcomes
 
     try:
         # No kernels: nothing compiled runs in there, and copying them takes a tenth of a second.
@@ -174,12 +175,11 @@ def grade_policy(setting: Setting, policy: Policy, weights: bytes) -> dict[str, 
             connection, _ = sandbox.accept(setting.limits.start_s, MOST_REPLY)
             planner = RemotePolicy(wire.Caller(connection), policy.seconds, lambda: sandbox.killed_for)
             drives = Drives(planner, setting.secret.seeds)
-            outcome, table = judge_survival(drives, policy)
-            outcomes = {"survival": outcome}
+            outcomes["survival"], table = judge_survival(drives, policy)
             if policy.hypervolume:
                 outcomes["hypervolume"] = judge_hypervolume(drives, policy, table)
             return outcomes
     except PolicyEnded as end:
-        return all_of(end.outcome)
+        return all_else(end.outcome)
     except (SandboxError, wire.ProtocolError):  # before the first question no byte of the student's was read
-        return all_of(Outcome(0.0, "ungraded", "sandbox_failed"))
+        return all_else(Outcome(0.0, "ungraded", "sandbox_failed"))

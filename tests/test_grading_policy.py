@@ -1,5 +1,6 @@
 """The policy task: hidden worlds on the scorer's side, commands from the other; who passes is decided by intervals."""
 
+import contextlib
 import itertools
 import socket
 from types import SimpleNamespace
@@ -10,8 +11,11 @@ import pytest
 from dualnav_lite import pareto
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.drivers import MODEL_FOLDER
+from grading import policy as graded
 from grading import wire
 from grading.adapters import ADAPTERS
+from grading.job import Limits
+from grading.lesson import Outcome
 from grading.policy import Drives, PolicyEnded, RemotePolicy, judge_hypervolume, judge_survival
 from grading.rubric import Hypervolume, Policy, Rubric, Survival, load_rubric
 from grading.secret import Secret
@@ -137,3 +141,20 @@ def test_whoever_has_used_up_his_time_is_asked_no_more():
     with here, there, pytest.raises(PolicyEnded) as end:
         RemotePolicy(wire.Caller(wire.Connection(here)), 0.0).act(np.zeros((1, 4, 64, 64)), [{}])
     assert (end.value.outcome.status, end.value.outcome.reason) == ("timeout", "took_too_long")
+
+
+def test_what_ends_the_second_part_does_not_cost_the_first(monkeypatch):
+    passed, late = Outcome(1.0, "passed"), Outcome(0.0, "timeout", "took_too_long")
+
+    def too_late(*given):
+        raise PolicyEnded(late)
+
+    sandbox = SimpleNamespace(accept=lambda *given: (None, {}), killed_for="")
+    monkeypatch.setattr(graded, "Sandbox", lambda *given: contextlib.nullcontext(sandbox))
+    monkeypatch.setattr(graded, "judge_survival", lambda *given: (passed, []))
+    monkeypatch.setattr(graded, "judge_hypervolume", too_late)
+    setting = SimpleNamespace(packages=None, limits=Limits(), tier="A", secret=Secret(b"k" * 32, "course"))
+    policy = Policy(survival=RULE, hypervolume=BOX)
+    assert graded.grade_policy(setting, policy, b"") == {"survival": passed, "hypervolume": late}
+    monkeypatch.setattr(graded, "judge_survival", too_late)
+    assert graded.grade_policy(setting, policy, b"") == {"survival": late, "hypervolume": late}
