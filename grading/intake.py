@@ -22,7 +22,7 @@ MOST_TOTAL = 128 << 20
 MOST_FILES = 500
 MOST_FOLDERS_DEEP = 6
 MOST_NAME = 200
-
+ARCHIVES = (".zip", ".tar", ".gz", ".xz", ".7z", ".rar")  # never opened; where nothing else is there, it is told
 
 JOINERS = "\u200c\u200d"  # of letters, in Persian and Indic names
 
@@ -106,6 +106,8 @@ def _taken(folder: Path, wanted: frozenset[str]) -> dict[str, bytes]:
             if name in files:
                 raise Rejected("file_twice")
             files[name] = _read(path)
+    if not files and any(path.lower().endswith(ARCHIVES) for path, _ in found):
+        raise Rejected("still_packed")
     return files
 
 

@@ -154,6 +154,9 @@ def test_hostile_files_are_rejected_with_a_reason_and_never_opened(tmp_path):
     (tmp_path / "deep" / "/".join("abcdefghij")).mkdir(parents=True)
     (tmp_path / os.fsdecode(b"\xff\xfe")).mkdir()
     (tmp_path / "folder link").symlink_to(tmp_path / "fine")
+    (tmp_path / "packed").mkdir()
+    (tmp_path / "packed" / "submission_packed.ZIP").write_bytes(b"PK")
+    (tmp_path / "fine" / "data.zip").write_bytes(b"PK")
     found = {one.student_id: one.rejected for one in take_in(tmp_path, WANTED)}
     unnamed = next(name for name in found if name.startswith("unnamed-"))
     assert found == {
@@ -163,6 +166,7 @@ def test_hostile_files_are_rejected_with_a_reason_and_never_opened(tmp_path):
         "fine": "",
         "folder link": "symbolic_link",
         "link": "symbolic_link",
+        "packed": "still_packed",
         "pipe": "special_file",
         "sparse": "file_too_large",
         unnamed: "folder_name",
