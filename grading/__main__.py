@@ -96,8 +96,10 @@ def grade(
         rows, lost = grade_class(
             folder, out, room, jobs=jobs, cluster=cluster, shard=(index, count), only=only, overrides=changed, late=late
         )
-    students = len({row["student_id"] for row in rows})
-    print(f"{students} submissions graded in tier {chosen}: {out}")
+    students = {row["student_id"] for row in rows}
+    print(f"{len(students)} submissions graded in tier {chosen}: {out}")
+    if count == 1:
+        _name_strangers(students, changed, late)
     if lost:
         print(f"{lost} stayed ungraded; the same command tries them again", file=sys.stderr)
     return 1 if lost else 0
@@ -159,9 +161,20 @@ def merge(
     from grading.tables import read_overrides
 
     rules = load_rubric(rubric or RUBRIC)
-    rows = join(folders, out, rules, read_overrides(overrides, rules), late_shares(times, due, rules.late))
-    print(f"{len({row['student_id'] for row in rows})} submissions: {out}")
+    changed, late = read_overrides(overrides, rules), late_shares(times, due, rules.late)
+    students = {row["student_id"] for row in join(folders, out, rules, changed, late)}
+    print(f"{len(students)} submissions: {out}")
+    _name_strangers(students, changed, late)
     return 0
+
+
+def _name_strangers(
+    students: set[str], changed: dict[tuple[str, str], tuple[float, str]], late: dict[str, float]
+) -> None:
+    """Say whom the corrections and times name who handed nothing in: a mistyped id would lose its line unseen."""
+    for what, named in (("--overrides", {student for student, _ in changed}), ("--times", set(late))):
+        if strangers := sorted(named - students):
+            print(f"{what} names {len(strangers)} who handed nothing in: {', '.join(strangers[:5])}", file=sys.stderr)
 
 
 @app.command()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from grading import wire
 from grading.job import Job, Limits, SandboxError
-from grading.rebuild import Master, normalised, rebuilt
+from grading.rebuild import Master, names_of, normalised, rebuilt
 from grading.rubric import Lesson
 from grading.said import said_by
 from grading.sandbox import Sandbox
@@ -136,6 +136,8 @@ class _Run:
 
     def __init__(self, setting: Setting, usable: dict[str, str], outcomes: dict[str, Outcome]):
         self._setting, self._usable, self._outcomes = setting, usable, outcomes
+        self._names = {name: names_of(source) for name, source in usable.items()}
+        self._in_company: dict[str, Outcome] = {}  # of exercises whose names another cell may have taken
         self.said: dict[str, str] = {}
 
     def _open(self) -> list[str]:
@@ -175,8 +177,16 @@ class _Run:
             outcome, died = self._ask(session, name, dict.fromkeys(self._needs(name), "student"))
             if died:
                 return name
-            self._outcomes[name] = outcome
+            if outcome.status != "passed" and self._shares_a_name(name):
+                self._in_company[name] = outcome
+            else:
+                self._outcomes[name] = outcome
         return ""
+
+    def _shares_a_name(self, exercise: str) -> bool:
+        """Whether another cell binds a name that this one or a part of it binds: two helpers of the same name, say."""
+        own = {exercise, *self._needs(exercise)}
+        return any(self._names[one] & self._names[name] for name in own for one in self._usable if one != name)
 
     def one_by_one(self) -> None:
         """Each exercise that is open in a sandbox of its own; what it calls is the reference where it did not pass."""
@@ -192,6 +202,8 @@ class _Run:
                     self._outcomes[name] = session
                 else:
                     self._outcomes[name], _ = self._ask(session, name, parts)
+            if (earlier := self._in_company.get(name)) and earlier.share > self._outcomes[name].share:
+                self._outcomes[name] = earlier
 
     @contextlib.contextmanager
     def _session(self, cells: dict[str, str]):

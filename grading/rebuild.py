@@ -174,5 +174,20 @@ def normalised(source: str) -> str:
         return "".join(source.split())
 
 
+def names_of(source: str) -> set[str]:
+    """Names that a cell binds in the notebook, imports left out; none where it is no Python."""
+    names: set[str] = set()
+    try:
+        for node in ast.parse(source).body:
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+                names.add(node.name)
+            else:
+                stored = (one for one in ast.walk(node) if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store))
+                names.update(one.id for one in stored)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return set()
+    return names
+
+
 def _is_docstring(node) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)

@@ -79,7 +79,7 @@ class Policy(Frozen):
     """
 
     weights: Annotated[str, Field(pattern=r"^[A-Za-z0-9_]+$")] = "ppo_actor"
-    seconds: Positive = 120.0
+    seconds: Positive = 300.0
     survival: Survival
     hypervolume: Hypervolume | None = None
 

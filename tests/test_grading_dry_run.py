@@ -143,6 +143,22 @@ def test_a_part_that_raises_costs_its_own_points_and_no_more():
     assert outcomes["reward_terms"].source == "safe:student+goal:reference+reward_terms:student"
 
 
+def test_two_right_cells_with_helpers_of_one_name_are_both_right():
+    works("A")
+    rubric = example_rubric(LESSON)
+    with prepared(rubric, Secret(b"k" * 32, "helpers"), "A", Limits()) as made:
+        setting = made.setting(LESSON)
+        solutions = setting.master.solutions
+        helper = "def _missing(*given):\n    return {}\n\n"
+        cells = solutions | {
+            "safe": helper.format("np.maximum(0.3 - np.maximum(given[0], 0.0), 0.0)")
+            + "def safe(clearance):\n    return -10.0 * _missing(np.asarray(clearance, float)) ** 2",
+            "reward_weights": helper.format("'taken'") + solutions["reward_weights"],
+        }
+        outcomes, _ = grade_lesson(setting, cells)
+    assert {one.status for one in outcomes.values()} == {"passed"}
+
+
 @pytest.mark.slow
 def test_in_the_sandbox_the_reference_of_every_lesson_gets_everything():
     works("A")

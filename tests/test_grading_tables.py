@@ -16,6 +16,7 @@ import kit
 from dualnav_lite import course
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.exercises import stub
+from grading.__main__ import _name_strangers as name_strangers
 from grading.feedback import REASONS, page, reason_text, reasons, zipped
 from grading.grade import merge, write_tables
 from grading.late import late_shares
@@ -184,6 +185,11 @@ def test_a_student_who_stands_in_two_shards_is_not_counted_twice(tmp_path):
     assert len(merge([tmp_path / "1"], tmp_path / "out", load_rubric(), {}, {})) == len(load_rubric().points())
     with pytest.raises(UnusableInput, match="in two shards"):
         merge([tmp_path / "1", tmp_path / "2"], tmp_path / "out", load_rubric(), {}, {})
+
+
+def test_a_correction_for_somebody_who_handed_nothing_in_is_named(capsys):
+    name_strangers({"anna"}, {("anna", "gae"): (5.0, ""), ("ana", "gae"): (5.0, "")}, {"anna": 0.1})
+    assert capsys.readouterr().err == "--overrides names 1 who handed nothing in: ana\n"
 
 
 def test_a_short_line_of_overrides_is_refused(tmp_path):
