@@ -9,7 +9,6 @@ import numpy as np
 import torch
 
 from dualnav_lite import deploy, streams
-from dualnav_lite.collect import collect
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.curriculum import (
     Stage,
@@ -26,6 +25,7 @@ from dualnav_lite.imitation import imitate
 from dualnav_lite.parallel_env import ParallelVectorEnv
 from dualnav_lite.policy import Actor, Critic, make_actor
 from dualnav_lite.ppo import Batch, make_optimizers, set_rates, update
+from dualnav_lite.ppo_loop import collect
 from dualnav_lite.progress import Log, Reporter
 from dualnav_lite.rewards import TERMS
 from dualnav_lite.rollout import RunningDeviation

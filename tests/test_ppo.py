@@ -10,9 +10,9 @@ import torch
 from gymnasium.vector import AutoresetMode
 
 from dualnav_lite.agent import PPOAgent
-from dualnav_lite.collect import collect
 from dualnav_lite.policy import Critic, make_actor
 from dualnav_lite.ppo import PPO, Batch, make_optimizers, normalised, policy_loss, update, value_loss
+from dualnav_lite.ppo_loop import collect
 from dualnav_lite.rollout import RunningDeviation
 from dualnav_lite.trunks import trunk_for
 

@@ -22,11 +22,11 @@ from dualnav_lite.ppo import PPO, Batch
 # %%
 import matplotlib.pyplot as plt
 
-from dualnav_lite.collect import collect
 from dualnav_lite.figures.lesson import BLUE, GREY, ORANGE, RED, lesson_style
 from dualnav_lite.parts import part
 from dualnav_lite.policy import Critic, make_actor
 from dualnav_lite.ppo import make_optimizers
+from dualnav_lite.ppo_loop import collect
 from dualnav_lite.rollout import RunningDeviation
 from dualnav_lite.trunks import trunk_for
 

@@ -21,7 +21,6 @@ import numpy as np
 import torch
 from IPython.display import clear_output
 
-from dualnav_lite.collect import collect
 from dualnav_lite.curriculum import load_training, resolved_config
 from dualnav_lite.deploy import card_of, export
 from dualnav_lite.env import DynamicNavVectorEnv
@@ -32,6 +31,7 @@ from dualnav_lite.parallel_env import ParallelVectorEnv
 from dualnav_lite.parts import part
 from dualnav_lite.policy import Critic, make_actor
 from dualnav_lite.ppo import Batch, make_optimizers
+from dualnav_lite.ppo_loop import collect
 from dualnav_lite.rewards import TERMS
 from dualnav_lite.rollout import RunningDeviation
 from dualnav_lite.survival import survival
