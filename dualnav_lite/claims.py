@@ -10,9 +10,9 @@ from pydantic import Field
 
 from dualnav_lite.beyond.differences import fleet_differences, learner_differences
 from dualnav_lite.config import Frozen, UnusableInput, read_yaml, validated
+from dualnav_lite.judge import REFERENCE, published_rows
 from dualnav_lite.metrics import wilson_interval
 from dualnav_lite.pareto import pareto_episodes
-from dualnav_lite.reference import REFERENCE, published_rows
 from dualnav_lite.scenario import SCENARIO_FOLDER
 from dualnav_lite.survival import survival
 

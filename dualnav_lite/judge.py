@@ -1,5 +1,10 @@
-"""Rows to every table of the stress test: pure functions, so that no number depends on how or where rows were run."""
+"""Rows to every table of the stress test, and the published rows that stand beside what is measured now.
 
+The tables are pure functions of rows, so no number depends on how or where those were run.
+"""
+
+import gzip
+import io
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,16 +14,42 @@ import pandas as pd
 
 from dualnav_lite.cases import all_cases
 from dualnav_lite.config import UnusableInput, write_atomic
+from dualnav_lite.episodes import COLUMNS
 from dualnav_lite.metrics import bootstrap_rate
 from dualnav_lite.pareto import pareto_episodes
-from dualnav_lite.reference import joined, made_from, published_rows
+from dualnav_lite.scenario import SCENARIO_FOLDER
 from dualnav_lite.survival import PAIRED_COLUMNS, paired, read_episodes, survival, survived
 
+REFERENCE = SCENARIO_FOLDER.parent / "reference"
+ROWS, MADE_FROM = "episodes.csv.gz", "episodes.json"  # of the published rows, with what made them
 FLOOR, CEILING = "stand_still", "ceiling"
 BLIND = ("straight", "crawl", "wait_then_straight", "drive_wait_straight")  # know the goal's bearing and the clock
 PUBLISHED = "published"
 TABLES = ("survival", "survival_strict", "paired", "pareto_episodes", "outcomes", "training_seeds")
 TRAINING_COLUMNS = ["scenario", "arm", "training_seeds", "episodes", "survival_rate", "low", "high"]
+
+
+def published_rows(folder: Path = REFERENCE) -> pd.DataFrame:
+    """The published rows, typed as `episodes.csv`; none where nothing is published yet."""
+    path = Path(folder) / ROWS
+    if not path.exists():
+        return read_episodes(io.StringIO(",".join(COLUMNS) + "\n"))
+    return read_episodes(io.BytesIO(gzip.decompress(path.read_bytes())))
+
+
+def made_from(folder: Path = REFERENCE) -> dict:
+    """Config and weights behind the published rows, and command, commit and CPU of each block; empty without any."""
+    path = Path(folder) / MADE_FROM
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+
+
+def joined(rows: pd.DataFrame, published: pd.DataFrame) -> pd.DataFrame:
+    """The published rows of the seeds in `rows`, of arms that `rows` does not hold in that scenario itself."""
+    present = pd.MultiIndex.from_frame(rows[["scenario", "seed"]]).unique()
+    own = pd.MultiIndex.from_frame(rows[["scenario", "arm"]]).unique()
+    is_same_seed = pd.MultiIndex.from_frame(published[["scenario", "seed"]]).isin(present)
+    is_other_arm = ~pd.MultiIndex.from_frame(published[["scenario", "arm"]]).isin(own)
+    return published[is_same_seed & is_other_arm].reset_index(drop=True)
 
 
 def is_kind(arm: str, kinds: str | Sequence[str]) -> bool:
@@ -128,7 +159,7 @@ def beside_claim(row) -> str | None:
     return "beaten" if row.exact_low > row.article_claim else "missed" if row.exact_high < row.article_claim else "open"
 
 
-def judge_folder(results: str | Path, reference: Path | None = None) -> dict[str, pd.DataFrame]:
+def judge_folder(results: str | Path) -> dict[str, pd.DataFrame]:
     """The tables of a results folder, written into it as CSV.
 
     Reads `<case>/episodes.csv` and `<case>/run.json` of every case that has them, and the published rows.
@@ -146,11 +177,10 @@ def judge_folder(results: str | Path, reference: Path | None = None) -> dict[str
         run = json.loads((file.parent / "run.json").read_text(encoding="utf-8"))
         made["measured"]["policy_sha256"] |= run["policy_sha256"]
         made["measured"]["config_sha256"] = run["config_sha256"]
-    folder = {} if reference is None else {"folder": reference}
-    origin = made_from(**folder)
+    origin = made_from()
     made[PUBLISHED] = {key: origin[key] for key in ("policy_sha256", "config_sha256") if key in origin}
     rows = pd.concat([read_episodes(file) for file in files], ignore_index=True)
-    tables = judge(rows, published_rows(**folder), made)
+    tables = judge(rows, published_rows(), made)
     texts = [file.read_text(encoding="utf-8").split("\n", 1) for file in files]
     write_atomic(results / "episodes.csv", texts[0][0] + "\n" + "".join(body for _, body in texts))
     for name in TABLES:

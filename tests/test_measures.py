@@ -16,6 +16,7 @@ from dualnav_lite.figures.beyond import BEYOND
 from dualnav_lite.figures.captions import CAPTIONS
 from dualnav_lite.figures.questions import METHODS
 from dualnav_lite.figures.results import RESULTS, make_result_figures
+from dualnav_lite.judge import made_from, published_rows
 from dualnav_lite.measures.adversary import PERTURBATIONS, Perturbed, search
 from dualnav_lite.measures.failures import FAILURE_COLUMNS, SETTINGS, failure_search
 from dualnav_lite.measures.intervention import COLUMNS as INTERVENTION_COLUMNS
@@ -26,7 +27,6 @@ from dualnav_lite.measures.perturb import FRONT_COLUMNS
 from dualnav_lite.measures.sweep import VALUES, knob
 from dualnav_lite.measures.tables import MEASURES, Options, run
 from dualnav_lite.publish import blocks, publish
-from dualnav_lite.reference import made_from, published_rows
 from dualnav_lite.survival import survived
 
 TUNING = SEEDS["tuning"].start

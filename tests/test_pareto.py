@@ -11,10 +11,9 @@ from dualnav_lite import pages
 from dualnav_lite.commands.suite import show_stress
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.episodes import COLUMNS
-from dualnav_lite.judge import beside_claim, bounds, judge
+from dualnav_lite.judge import beside_claim, bounds, joined, judge, published_rows
 from dualnav_lite.metrics import bootstrap_rate
 from dualnav_lite.pareto import front, hypervolume, on_front, pareto, pareto_episodes, reference_point, safe_distance
-from dualnav_lite.reference import joined, published_rows
 from dualnav_lite.report import HEADER, PAIRED_HEADER, frame_texts, latex, markdown, survival_lines, terminal_lines
 from dualnav_lite.survival import rows_of
 

@@ -79,8 +79,8 @@ def publish(
     jobs: Jobs = CORES,
 ) -> int:
     """The published rows of every arm on the test seeds, again: hours, said before it starts. Stopped, it goes on."""
+    from dualnav_lite.judge import REFERENCE
     from dualnav_lite.publish import publish as run_publish
-    from dualnav_lite.reference import REFERENCE
 
     command = " ".join(["python -m dualnav_lite", *sys.argv[1:]])
     rows = run_publish(work, to or REFERENCE, share, jobs, words(only) if only else (), command)
@@ -96,9 +96,8 @@ def claims(
     """The article's claims beside what was measured: claims.csv and CLAIMS.md."""
     from dualnav_lite.claims import all_claims, claims_page, claims_table, reference_tables
     from dualnav_lite.config import write_atomic
-    from dualnav_lite.judge import csv_text
+    from dualnav_lite.judge import REFERENCE, csv_text
     from dualnav_lite.notebooks import ROOT
-    from dualnav_lite.reference import REFERENCE
 
     known = all_claims()
     table = claims_table(known, reference_tables(results))

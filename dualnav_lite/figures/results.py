@@ -17,8 +17,7 @@ from dualnav_lite.figures import FORMATS, LANGUAGES, _check, _save, questions, r
 from dualnav_lite.figures.beyond import BEYOND
 from dualnav_lite.figures.captions import caption_lines
 from dualnav_lite.figures.sheet import COLOURS, MARKERS, QUIET, SMALL, Sheet, Words
-from dualnav_lite.judge import PUBLISHED, bounds
-from dualnav_lite.reference import REFERENCE
+from dualnav_lite.judge import PUBLISHED, REFERENCE, bounds
 from dualnav_lite.scenario import load_scenario
 
 ARM_LOOK = {"ppo": 0, "ppo_filter": 1, "cv_sampling": 2, "orca": 3, "astar": 4, "rrtstar": 5, "ceiling": 6, "dwa": 7}
