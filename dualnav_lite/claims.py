@@ -10,6 +10,7 @@ from pydantic import Field
 
 from dualnav_lite.beyond.differences import fleet_differences, learner_differences
 from dualnav_lite.config import Frozen, UnusableInput, read_yaml, validated
+from dualnav_lite.drivers import MODEL_FOLDER
 from dualnav_lite.judge import REFERENCE, published_rows
 from dualnav_lite.metrics import wilson_interval
 from dualnav_lite.pareto import pareto_episodes
@@ -17,7 +18,6 @@ from dualnav_lite.scenario import SCENARIO_FOLDER
 from dualnav_lite.survival import survival
 
 CLAIM_FILE = SCENARIO_FOLDER.parent / "claims.yaml"
-MODELS = Path(__file__).resolve().parent.parent / "models"
 COLUMNS = [
     "claim", "article_text", "article_value", "verdict", "our_value", "low", "high", "n", "command", "figure",
 ]  # fmt: skip
@@ -109,7 +109,7 @@ def find(claim: Claim, tables: Mapping[str, pd.DataFrame]) -> Found | None:
         low, high = wilson_interval(best, len(points))
         return Found(value=best / len(points), low=low, high=high, n=len(points))
     if claim.model_bytes:
-        sizes = [path.stat().st_size for path in MODELS.glob("ppo_actor.*")]
+        sizes = [path.stat().st_size for path in MODEL_FOLDER.glob("ppo_actor.*")]
         return Found(value=max(sizes) / 1e6, n=len(sizes)) if sizes else None
     if claim.source is None:
         return None

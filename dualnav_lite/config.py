@@ -11,6 +11,8 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+ROOT = Path(__file__).resolve().parent.parent  # of the whole kit
+
 
 class UnusableInput(ValueError):
     """A config, scenario, file or folder that cannot be used; its text is one line a person can act on."""

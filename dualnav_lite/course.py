@@ -4,9 +4,8 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from dualnav_lite.config import UnusableInput, write_atomic
+from dualnav_lite.config import ROOT, UnusableInput, write_atomic
 from dualnav_lite.exercises import student_notebook
-from dualnav_lite.notebooks import ROOT
 
 # What a release holds beside the notebooks; sources of the notebooks, tests and grading stay with the teacher.
 KEPT = (

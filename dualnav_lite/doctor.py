@@ -12,12 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dualnav_lite.config import UnusableInput
+from dualnav_lite.config import ROOT, UnusableInput
 from dualnav_lite.env import DynamicNavVectorEnv
 from dualnav_lite.figures import chinese_font
-from dualnav_lite.scenario import SCENARIO_FOLDER
 
-ROOT = SCENARIO_FOLDER.parent.parent
 LESSON_SPEED = 4_700  # control steps/s of the core on which the CPU seconds in the lessons' heads were measured
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from dualnav_lite import embedded
-from dualnav_lite.config import Config, UnknownName, UnusableInput, with_overrides
+from dualnav_lite.config import ROOT, Config, UnknownName, UnusableInput, with_overrides
 from dualnav_lite.encoder import num_channels
 from dualnav_lite.planners import make_planner
 from dualnav_lite.safety import FilteredDriver
 
-MODEL_FOLDER = Path(__file__).resolve().parent.parent / "models"
+MODEL_FOLDER = ROOT / "models"
 CARD = "card.json"
 
 

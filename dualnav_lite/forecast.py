@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from dualnav_lite.config import UnusableInput
+from dualnav_lite.config import ROOT, UnusableInput
 from dualnav_lite.kernels import forecast as kernel
 from dualnav_lite.kernels.tracking import MOVING
 from dualnav_lite.motion import STEP_S, STEPS, Prediction
 from dualnav_lite.tracking import Tracks, follow
 
-SHIPPED = Path(__file__).resolve().parent.parent / "models" / "predictor.npz"
+SHIPPED = ROOT / "models" / "predictor.npz"
 OUTPUTS = 2 * STEPS + 2  # mean velocity until each step, and velocity now, all less the tracker's [m/s]
 WEIGHTS = ("w_input", "w_hidden", "bias", "w_first", "b_first", "w_last", "b_last")  # of `kernel.run_network`
 

@@ -8,14 +8,13 @@ import yaml
 
 from dualnav_lite.cases import all_cases
 from dualnav_lite.chunks import sha256
-from dualnav_lite.config import UnusableInput, write_atomic
+from dualnav_lite.config import ROOT, UnusableInput, write_atomic
 from dualnav_lite.drivers import MODEL_FOLDER, EmbeddedPolicy
-from dualnav_lite.notebooks import ROOT
+from dualnav_lite.judge import REFERENCE
 from dualnav_lite.predictor import load as load_predictor
 from dualnav_lite.scenario import load_scenario
 from dualnav_lite.survival import read_episodes, survival
 
-PREDICTOR_TABLE = MODEL_FOLDER.parent / "stress_tests" / "reference" / "predictor.csv"
 BEGIN, END = "<!-- written by: python -m dualnav_lite card -->", "<!-- end -->"
 READMES = {
     "README.md": (
@@ -104,7 +103,7 @@ def write_readmes(rows: pd.DataFrame, folder: Path = ROOT) -> None:
         write_atomic(folder / name, before + "\n".join([BEGIN, *readme_lines(name, rows), mark]) + after)
 
 
-def predictor_lines(folder: Path, table: Path = PREDICTOR_TABLE) -> list[str]:
+def predictor_lines(folder: Path) -> list[str]:
     """Where the shipped predictor comes from, and its rows beside constant velocity; nothing where none is shipped."""
     if not (folder / "predictor.pth").exists():
         return []
@@ -120,7 +119,7 @@ def predictor_lines(folder: Path, table: Path = PREDICTOR_TABLE) -> list[str]:
         "(`python kit.py predictor --episodes 60 --out stress_tests/reference`):",
         "",
     ]
-    with open(table, encoding="utf-8", newline="") as file:
+    with open(REFERENCE / "predictor.csv", encoding="utf-8", newline="") as file:
         rows = list(csv.reader(file))
     cells = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
     return [*lines, *("| " + " | ".join(row) + " |" for row in cells), ""]

@@ -13,11 +13,10 @@ from pathlib import Path
 import jupytext
 import nbformat
 
-from dualnav_lite.config import UnusableInput, write_atomic
+from dualnav_lite.config import ROOT, UnusableInput, write_atomic
 from dualnav_lite.exercises import exercise_block
 
 FOLDERS = ("notebooks", "stress_tests")
-ROOT = Path(__file__).resolve().parent.parent
 METADATA = {
     "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
     "language_info": {"name": "python"},

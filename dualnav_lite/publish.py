@@ -16,16 +16,14 @@ import pandas as pd
 from dualnav_lite import __version__
 from dualnav_lite.cases import all_cases
 from dualnav_lite.chunks import Chunk, code_sha256, merged, plan_chunks, sha256
-from dualnav_lite.config import Config, UnusableInput, dump_config, write_atomic
+from dualnav_lite.config import ROOT, Config, UnusableInput, dump_config, write_atomic
 from dualnav_lite.episodes import SEEDS
 from dualnav_lite.evaluate import evaluate, library_arm
 from dualnav_lite.judge import MADE_FROM, REFERENCE, ROWS, TABLES, csv_text, judge, made_from
 from dualnav_lite.pace import seconds_per_step, steps_of
 from dualnav_lite.pages import write_report
-from dualnav_lite.scenario import SCENARIO_FOLDER, load_scenario
+from dualnav_lite.scenario import load_scenario
 from dualnav_lite.survival import read_episodes
-
-ROOT = SCENARIO_FOLDER.parent.parent
 
 MAIN = ("ppo", "ppo_filter", "cv_sampling")  # and the best baseline
 REST = (

@@ -6,10 +6,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from dualnav_lite.config import Config, Frozen, NonNegative, Positive, Share, UnusableInput, read_yaml, validated
+from dualnav_lite.config import ROOT, Config, Frozen, NonNegative, Positive, Share, UnusableInput, read_yaml, validated
 
 Count = Annotated[int, Field(ge=0)]
-SCENARIO_FOLDER = Path(__file__).resolve().parent.parent / "stress_tests" / "scenarios"
+SCENARIO_FOLDER = ROOT / "stress_tests" / "scenarios"
 HIGHWAY_FOLDER = SCENARIO_FOLDER / "highway"  # of the second world
 FLEET_FOLDER = SCENARIO_FOLDER / "fleet"  # of several robots in one room
 STRESS_SCENARIOS = ("pop_up", "crowd_crossing", "low_light", "battery", "comms_dropout")  # of test mode

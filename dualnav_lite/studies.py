@@ -10,7 +10,7 @@ from pydantic import Field
 from scipy import stats
 from tqdm import tqdm
 
-from dualnav_lite.config import Frozen, UnusableInput, read_yaml, validated, write_atomic
+from dualnav_lite.config import ROOT, Frozen, UnusableInput, read_yaml, validated, write_atomic
 from dualnav_lite.curriculum import Training, resolved_config, runs_folder, scenarios_of
 from dualnav_lite.drivers import MODEL_FOLDER, EmbeddedPolicy
 from dualnav_lite.episodes import SEEDS
@@ -18,7 +18,7 @@ from dualnav_lite.evaluate import evaluate
 from dualnav_lite.survival import survival
 from dualnav_lite.train import Trainer
 
-FOLDER = Path(__file__).resolve().parent.parent / "training" / "studies"
+FOLDER = ROOT / "training" / "studies"
 ARMS_FOLDER = MODEL_FOLDER / "ablations"
 KEY = ["study", "variant", "training_seed", "scenario"]
 COLUMNS = [

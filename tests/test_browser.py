@@ -9,7 +9,7 @@ import nbformat
 import pytest
 
 from dualnav_lite import course
-from dualnav_lite.notebooks import ROOT
+from dualnav_lite.config import ROOT
 
 pytestmark = pytest.mark.slow
 browser = pytest.importorskip("tests.browser", reason="needs what jupyterlab brings: websocket-client, requests")

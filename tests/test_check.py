@@ -11,8 +11,7 @@ import pytest
 from dualnav_lite.check import LESSONS, NotYet, check, judge, reference, set_language
 from dualnav_lite.check import _module as module_of
 from dualnav_lite.check.verdict import Text, Wrong, call, expect, hold, is_close, shown
-from dualnav_lite.config import UnusableInput
-from dualnav_lite.notebooks import ROOT
+from dualnav_lite.config import ROOT, UnusableInput
 
 MUTANTS = Path(__file__).parent / "mutants"
 IDS = [exercise for ids in LESSONS.values() for exercise in ids]

@@ -15,9 +15,8 @@ from dualnav_lite.claims import (
     reference_tables,
     verdict,
 )
-from dualnav_lite.config import UnusableInput, read_yaml
+from dualnav_lite.config import ROOT, UnusableInput, read_yaml
 from dualnav_lite.figures.results import RESULTS
-from dualnav_lite.notebooks import ROOT
 
 
 def a_claim(**values):

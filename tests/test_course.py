@@ -13,10 +13,9 @@ import pytest
 from dualnav_lite import course, notebooks, parts, submission
 from dualnav_lite.check import LESSONS
 from dualnav_lite.commands.teaching import lessons_in
-from dualnav_lite.config import Config, UnusableInput
+from dualnav_lite.config import ROOT, Config, UnusableInput
 from dualnav_lite.evaluate import evaluate, library_arm
 from dualnav_lite.exercises import BEGIN, stub, student_notebook
-from dualnav_lite.notebooks import ROOT
 from dualnav_lite.rewards import TERMS, Transition
 
 LESSON_FILES = [ROOT / "notebooks" / f"{lesson}.ipynb" for lesson in LESSONS]

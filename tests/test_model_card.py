@@ -2,11 +2,10 @@ import shutil
 
 import pytest
 
-from dualnav_lite.config import UnusableInput
+from dualnav_lite.config import ROOT, UnusableInput
 from dualnav_lite.drivers import MODEL_FOLDER
 from dualnav_lite.episodes import COLUMNS, rows_to_csv
 from dualnav_lite.model_card import READMES, write_card, write_readmes
-from dualnav_lite.notebooks import ROOT
 from dualnav_lite.survival import read_episodes
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from dualnav_lite.bench import peers
 from dualnav_lite.bench.rows import NOT_INSTALLED, Row
-from dualnav_lite.config import Config, UnusableInput
+from dualnav_lite.config import ROOT, Config, UnusableInput
 from dualnav_lite.curriculum import Training, load_training
 from dualnav_lite.drivers import MODEL_FOLDER, EmbeddedPolicy
 from dualnav_lite.encoder import Ego, encode_state
@@ -17,7 +17,7 @@ from dualnav_lite.env import DynamicNavEnv
 from dualnav_lite.tracking import constant_velocity
 from dualnav_lite.train import Trainer
 
-LESSON = Path(__file__).resolve().parents[2] / "training" / "lesson.yaml"
+LESSON = ROOT / "training" / "lesson.yaml"
 UPDATES = 4  # that are timed; one more warms up
 
 

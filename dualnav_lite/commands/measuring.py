@@ -95,9 +95,8 @@ def claims(
 ) -> int:
     """The article's claims beside what was measured: claims.csv and CLAIMS.md."""
     from dualnav_lite.claims import all_claims, claims_page, claims_table, reference_tables
-    from dualnav_lite.config import write_atomic
+    from dualnav_lite.config import ROOT, write_atomic
     from dualnav_lite.judge import REFERENCE, csv_text
-    from dualnav_lite.notebooks import ROOT
 
     known = all_claims()
     table = claims_table(known, reference_tables(results))
@@ -136,8 +135,8 @@ def figures(
         drawn = make_result_figures(results, lang, tuple(words(formats)), words(names) if names else None)
         print("\n".join(str(path) for path in drawn))
         return 0
+    from dualnav_lite.config import ROOT
     from dualnav_lite.figures import make_figures
-    from dualnav_lite.notebooks import ROOT
 
     folder = out or ROOT / "docs" / "figures"
     made = make_figures(folder, lang, words(names) if names else None, formats=tuple(words(formats)))

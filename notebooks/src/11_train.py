@@ -21,12 +21,12 @@ import numpy as np
 import torch
 from IPython.display import clear_output
 
+from dualnav_lite.config import ROOT
 from dualnav_lite.curriculum import load_training, resolved_config
 from dualnav_lite.deploy import card_of, export
 from dualnav_lite.env import DynamicNavVectorEnv
 from dualnav_lite.evaluate import evaluate
 from dualnav_lite.figures.lesson import BLUE, GREEN, GREY, ORANGE, lesson_style
-from dualnav_lite.notebooks import ROOT
 from dualnav_lite.parallel_env import ParallelVectorEnv
 from dualnav_lite.parts import part
 from dualnav_lite.policy import Critic, make_actor
