@@ -9,7 +9,7 @@ from typing import IO, Annotated, Any, Literal, TypeVar
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveInt, ValidationError, model_validator
 
 ROOT = Path(__file__).resolve().parent.parent  # of the whole kit
 
@@ -88,7 +88,7 @@ class Map(Frozen):
     resolution_m: Positive = 0.1
     cells: Annotated[int, Field(ge=64, le=512, multiple_of=2)] = 160
     cache: bool = True  # re-project the last received map to the believed pose and lay the current scan over it
-    match_steps: Annotated[int, Field(ge=0)] = 3  # between two fits of a scan to the received map; 0: odometry alone
+    match_steps: NonNegativeInt = 3  # between two fits of a scan to the received map; 0: odometry alone
 
 
 class Guide(Frozen):
@@ -96,7 +96,7 @@ class Guide(Frozen):
 
     method: Literal["astar", "goal"] = "astar"
     distance_m: Positive = 2.5
-    replan_steps: Annotated[int, Field(ge=1)] = 3
+    replan_steps: PositiveInt = 3
 
 
 class Motion(Frozen):

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, NonNegativeInt, PositiveInt, model_validator
 
 from dualnav_lite.config import (
     Config,
@@ -23,8 +23,6 @@ from dualnav_lite.imitation import Imitation
 from dualnav_lite.ppo import PPO
 from dualnav_lite.scenario import Scenario, load_scenario
 
-Count = Annotated[int, Field(ge=1)]
-
 
 class Stage(Frozen):
     """One part of a training: a kind, the scenarios each episode is drawn from, and its own settings."""
@@ -32,10 +30,10 @@ class Stage(Frozen):
     name: Annotated[str, Field(pattern=r"^[a-z0-9_]+$")]
     kind: Literal["imitate", "ppo"]
     scenarios: Annotated[list[str], Field(min_length=1)]  # a scenario named twice is drawn twice as often
-    steps: Count = 500_000  # of ppo, over all worlds
-    rollout_steps: Count = 64  # of each world between updates
-    segment_updates: Count = 16  # updates between checkpoints; every world begins anew after one
-    warm_up_updates: Annotated[int, Field(ge=0)] = 0  # at first only the values learn
+    steps: PositiveInt = 500_000  # of ppo, over all worlds
+    rollout_steps: PositiveInt = 64  # of each world between updates
+    segment_updates: PositiveInt = 16  # updates between checkpoints; every world begins anew after one
+    warm_up_updates: NonNegativeInt = 0  # at first only the values learn
     imitation: Imitation = Imitation()
     ppo: PPO = PPO()
 
@@ -44,8 +42,8 @@ class Training(Frozen):
     """A whole training; `training/*.yaml` hold these keys."""
 
     title: str
-    seed: Annotated[int, Field(ge=0)] = 0
-    worlds: Count = 32
+    seed: NonNegativeInt = 0
+    worlds: PositiveInt = 32
     memory: Share = 0.5  # of the `CommandReader` that the exported policy drives with
     head: Literal["commands", "gaussian"] = "commands"
     grain: Literal["fine", "coarse", "flat"] = "fine"  # of the image's first convolution (`trunks.GRAINS`)

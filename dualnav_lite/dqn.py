@@ -19,16 +19,13 @@ jerks from one to the next (`beyond algorithms` measures how much).
 """
 
 from collections.abc import Callable
-from typing import Annotated
 
 import numpy as np
 import torch
-from pydantic import Field
+from pydantic import PositiveInt
 from torch import nn
 
 from dualnav_lite.config import Frozen, Positive, Share
-
-Count = Annotated[int, Field(ge=1)]
 
 
 class DQN(Frozen):
@@ -36,10 +33,10 @@ class DQN(Frozen):
 
     learning_rate: Positive = 5e-4
     gamma: Share = 0.99
-    buffer: Count = 100_000  # transitions kept
-    minibatch: Count = 128
-    train_every: Count = 4  # steps of the worlds, taken together, between two minibatches
-    learning_starts: Count = 2_000
+    buffer: PositiveInt = 100_000  # transitions kept
+    minibatch: PositiveInt = 128
+    train_every: PositiveInt = 4  # steps of the worlds, taken together, between two minibatches
+    learning_starts: PositiveInt = 2_000
     target_rate: Share = 0.005  # share by which the second network follows the first after each minibatch
     epsilon_end: Share = 0.05
     exploration: Share = 0.4  # share of the steps in which epsilon falls from 1 to its end

@@ -5,11 +5,10 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import torch
-from pydantic import Field
+from pydantic import PositiveInt
 
 from dualnav_lite import streams
 from dualnav_lite.config import Frozen, NonNegative, Positive, Share
@@ -18,27 +17,26 @@ from dualnav_lite.policy import Actor
 from dualnav_lite.trunks import Seen, device_of
 from dualnav_lite.weights import load_weights, save_weights
 
-Count = Annotated[int, Field(ge=1)]
 COST_CAP_M = 3.0  # dearer commands are alike: a collision; with caution 1 % of a collision costs 3 cm of way
 
 
 class Imitation(Frozen):
     """How the warm start is done."""
 
-    rounds: Count = 8
-    first_round_shards: Count = 10  # driven by the teacher
-    round_shards: Count = 6  # driven by the student
-    worlds: Count = 16  # of a shard
-    shard_labels: Count = 8192
+    rounds: PositiveInt = 8
+    first_round_shards: PositiveInt = 10  # driven by the teacher
+    round_shards: PositiveInt = 6  # driven by the student
+    worlds: PositiveInt = 16  # of a shard
+    shard_labels: PositiveInt = 8192
     label_share: Share = 0.33  # share of student-driven steps that are labelled: neighbours in time are alike
     noise_share: Share = 0.1  # share of steps at which `labels.Noise` has the wheel
     temperature_m: Positive = 0.08  # of the teacher's soft choice, in metres of way
     caution: Share = 0.0  # `imitation_loss`
     memory: Share = 0.5  # of the `CommandReader` that drives
-    updates: Count = 1500  # after each round
-    last_updates: Count = 8000  # after the last round, while the learning rate falls
-    batch: Count = 128  # small: steps are what a student lacks, not smoothness
-    micro_batch: Count = 64
+    updates: PositiveInt = 1500  # after each round
+    last_updates: PositiveInt = 8000  # after the last round, while the learning rate falls
+    batch: PositiveInt = 128  # small: steps are what a student lacks, not smoothness
+    micro_batch: PositiveInt = 64
     learning_rate: Positive = 1e-3
     last_learning_rate: Positive = 3e-5
     weight_decay: NonNegative = 1e-4

@@ -35,18 +35,16 @@ the policy that drove and the one after the update; `clip_fraction`, share of sa
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import torch
-from pydantic import Field
+from pydantic import Field, PositiveInt
 
 from dualnav_lite.config import Frozen, NonNegative, Positive, Share
 from dualnav_lite.policy import Actor, Critic
 from dualnav_lite.rollout import Rollout
 from dualnav_lite.trunks import Seen, device_of, joined, looked
-
-Count = Annotated[int, Field(ge=1)]
 
 
 class PPO(Frozen):
@@ -56,16 +54,16 @@ class PPO(Frozen):
     learning_rate_critic: Positive = 1e-3  # article 3.2
     gamma: Annotated[float, Field(gt=0, le=1)] = 0.99  # article 3.2
     gae_lambda: Share = 0.95
-    epochs: Count = 4  # the article's K_epochs is 10
+    epochs: PositiveInt = 4  # the article's K_epochs is 10
     clip_range: Positive = 0.15  # article 3.2
-    minibatch: Count = 512  # the article's batch
-    micro_batch: Count = 64
+    minibatch: PositiveInt = 512  # the article's batch
+    micro_batch: PositiveInt = 64
     entropy_coef: NonNegative = 0.01
     reference_coef: NonNegative = 0.0  # of the KL to the reference policy, where there is one
     max_gradient_norm: Positive = 0.5
     target_kl: Positive = 0.02
     weigh_scaled: bool = False  # weights multiply scaled terms (importance) or raw ones (the environment's reward)
-    estimator: Annotated[str, Field(pattern="^(gae|returns)$")] = "gae"  # `returns`: lambda 1, the article's 'PPO2'
+    estimator: Literal["gae", "returns"] = "gae"  # `returns`: lambda 1, the article's 'PPO2'
     threads: Annotated[int, Field(ge=1, le=2)] = 2  # 2: policy and values learn side by side
 
 

@@ -4,11 +4,11 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import torch
-from pydantic import Field
+from pydantic import PositiveInt
 from torch import nn
 
 from dualnav_lite.config import Frozen, NonNegative, Positive, UnusableInput, write_atomic
@@ -20,7 +20,6 @@ from dualnav_lite.motion import STEP_S, STEPS
 from dualnav_lite.tracking import Tracker, follow
 from dualnav_lite.weights import save_weights
 
-Count = Annotated[int, Field(ge=1)]
 TIMES = STEP_S * np.arange(1, STEPS + 1)
 MIRRORED_SEQUENCE = (2, 4, 8)  # y, vy and the robot's y change sign when left and right are swapped
 MIRRORED_CONTEXT = (5,)
@@ -30,10 +29,10 @@ _SECTORS = 8 + (-np.arange(SECTORS)) % SECTORS  # of the context, left and right
 class Settings(Frozen):
     """Size of the network and how it learns."""
 
-    hidden: Count = 48
-    middle: Count = 64
-    updates: Count = 12_000
-    batch: Count = 256
+    hidden: PositiveInt = 48
+    middle: PositiveInt = 64
+    updates: PositiveInt = 12_000
+    batch: PositiveInt = 256
     learning_rate: Positive = 2e-3
     last_learning_rate: Positive = 2e-5
     weight_decay: NonNegative = 1e-3

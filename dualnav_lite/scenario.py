@@ -4,11 +4,10 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, NonNegativeInt, model_validator
 
 from dualnav_lite.config import ROOT, Config, Frozen, NonNegative, Positive, Share, UnusableInput, read_yaml, validated
 
-Count = Annotated[int, Field(ge=0)]
 SCENARIO_FOLDER = ROOT / "stress_tests" / "scenarios"
 HIGHWAY_FOLDER = SCENARIO_FOLDER / "highway"  # of the second world
 FLEET_FOLDER = SCENARIO_FOLDER / "fleet"  # of several robots in one room
@@ -71,7 +70,7 @@ class PopUp(Frozen):
 class Crowd(Frozen):
     """A group that waits at its entrance and crosses the robot's journey to meet it."""
 
-    count: Count = 5
+    count: NonNegativeInt = 5
     reactive: bool = False
     speed_m_s: Positive = 0.8
     radius_m: Range = Range(low=0.25, high=0.30)
@@ -88,7 +87,7 @@ class Sensing(Frozen):
     """Light and what it does to the lidar."""
 
     ambient_lux: Positive = 300.0
-    phantoms: Count = 0
+    phantoms: NonNegativeInt = 0
     phantom_life_s: Range = Range(low=0.5, high=2.5)
     phantom_ahead_m: Range = Range(low=0.7, high=2.5)
     phantom_radius_m: Range = Range(low=0.10, high=0.25)
@@ -108,9 +107,9 @@ class Dispatcher(Frozen):
     duration_s: Positive = 10800.0
     period_s: Positive = 20.0
     contact_penalty_s: NonNegative = 30.0
-    min_goals: Count = 520
+    min_goals: NonNegativeInt = 520
     min_charge: Share = 0.15
-    max_contacts: Count = 12
+    max_contacts: NonNegativeInt = 12
     goal_clearance_m: Positive = 0.6
 
 
@@ -118,7 +117,7 @@ class Cars(Frozen):
     """A task of highway-env (`simulator: highway`); of the other blocks only the titles count then."""
 
     task: Literal["parking", "traffic"]
-    others: Count = 0  # cars besides the driven one
+    others: NonNegativeInt = 0  # cars besides the driven one
     limit_s: Positive = 30.0
 
 

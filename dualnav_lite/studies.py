@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 import joblib
 import numpy as np
 import pandas as pd
-from pydantic import Field
+from pydantic import Field, PositiveInt
 from scipy import stats
 from tqdm import tqdm
 
@@ -26,7 +26,6 @@ COLUMNS = [
     "mean_min_clearance_m", "mean_energy_j", "train_steps",
 ]  # fmt: skip
 SUMMARY = ["study", "variant", "scenario", "runs", "mean_rate", "low", "high", "deviation", "coefficient_of_variation"]
-Count = Annotated[int, Field(ge=1)]
 
 
 class Variant(Frozen):
@@ -43,7 +42,7 @@ class Judge(Frozen):
     """Where the trained policies are compared."""
 
     scenarios: Annotated[list[str], Field(min_length=1)]
-    episodes: Count = 200
+    episodes: PositiveInt = 200
     seed_base: Annotated[int, Field(ge=SEEDS["tuning"].start, lt=SEEDS["tuning"].stop)] = 1_050_000
 
 

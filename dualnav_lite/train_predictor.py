@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import joblib
 import numpy as np
 import torch
-from pydantic import Field
+from pydantic import Field, NonNegativeInt, PositiveInt
 
 from dualnav_lite import __version__, streams
 from dualnav_lite.config import Frozen, UnusableInput, dump_config, read_yaml, validated, write_atomic
@@ -21,7 +21,6 @@ from dualnav_lite.recording import drive
 from dualnav_lite.scenario import load_scenario
 from dualnav_lite.tracking import ConstantVelocityPredictor
 
-Count = Annotated[int, Field(ge=1)]
 SHARD_EPISODES = 20
 UNSEEN = ("crowd_crossing", "crowd_reactive", "pop_up", "pop_up_cover")  # families that no training may hold
 ARMS = ("astar", "cv_sampling")
@@ -32,10 +31,10 @@ class PredictorTraining(Frozen):
 
     kind: Literal["predictor"]
     title: str
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: NonNegativeInt = 0
     arms: Annotated[list[str], Field(min_length=1)] = list(ARMS)  # drivers, shard by shard in turn  # noqa: RUF012
-    families: Annotated[dict[str, Count], Field(min_length=1)]  # scenario id or file: episodes
-    every: Count = 3  # frames between two samples of an episode
+    families: Annotated[dict[str, PositiveInt], Field(min_length=1)]  # scenario id or file: episodes
+    every: PositiveInt = 3  # frames between two samples of an episode
     fit: Settings = Settings()
 
 
