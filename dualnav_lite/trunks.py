@@ -103,15 +103,29 @@ class Seen:
         return Seen(self.images.to(device), self.bands.to(device))
 
 
-class ImageTrunk(nn.Module):
-    """Features of an observation: convolutions, each shrinking the image, then the bands join.
+class SeenTrunk(nn.Module):
+    """Features of an observation: something learned of the images (`of_images`), which the bands then join."""
+
+    features, halve = HIDDEN, False
+
+    def look(self, observations) -> Seen:
+        """What this trunk takes from (n, C, 64, 64) observations."""
+        images, bands = split_observations(observations)
+        return Seen.of(images, bands, self.halve)
+
+    def forward(self, observations):
+        """(n, HIDDEN) features of (n, C, 64, 64) observations, or of the `Seen` of them."""
+        seen = observations if isinstance(observations, Seen) else self.look(observations)
+        return self.joined(torch.cat([self.of_images(seen.images), seen.bands], dim=1))
+
+
+class ImageTrunk(SeenTrunk):
+    """Features by convolutions, each of which shrinks the image.
 
     Args:
         channels: C of the observation, the ego channel included.
         grain: "fine" or "coarse" (`GRAINS`).
     """
-
-    features = HIDDEN
 
     def __init__(self, channels: int, grain: str = "fine"):
         super().__init__()
@@ -124,38 +138,22 @@ class ImageTrunk(nn.Module):
         self.joined = nn.Sequential(layer(nn.Linear(depth * side**2 + len(BANDS), HIDDEN)), nn.ReLU())
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
-    def look(self, observations) -> Seen:
-        """What this trunk takes from (n, C, 64, 64) observations."""
-        images, bands = split_observations(observations)
-        return Seen.of(images, bands, self.halve)
-
-    def forward(self, observations):
-        """(n, HIDDEN) features of (n, C, 64, 64) observations, or of the `Seen` of them."""
-        seen = observations if isinstance(observations, Seen) else self.look(observations)
-        image_features = self.convolutions(seen.images.permute(0, 3, 1, 2))  # a view in `channels_last`
-        return self.joined(torch.cat([image_features, seen.bands], dim=1))
+    def of_images(self, images):
+        """(n, ...) of (n, H, W, C - 1) images."""
+        return self.convolutions(images.permute(0, 3, 1, 2))  # a view in `channels_last`
 
 
-class FlatTrunk(nn.Module):
-    """Features of a flat observation (`observation.layout`): its readings are a plain vector, joined by the bands."""
-
-    features, halve = HIDDEN, False
+class FlatTrunk(SeenTrunk):
+    """Features of a flat observation (`observation.layout`), whose readings are a plain vector."""
 
     def __init__(self):
         super().__init__()
         self.readings = nn.Sequential(layer(nn.Linear(SIZE * SIZE, HIDDEN)), nn.ReLU())
         self.joined = nn.Sequential(layer(nn.Linear(HIDDEN + len(BANDS), HIDDEN)), nn.ReLU())
 
-    def look(self, observations) -> Seen:
-        """What this trunk takes from (n, C, 64, 64) observations."""
-        images, bands = split_observations(observations)
-        return Seen.of(images, bands, self.halve)
-
-    def forward(self, observations):
-        """(n, HIDDEN) features of (n, C, 64, 64) observations, or of the `Seen` of them."""
-        seen = observations if isinstance(observations, Seen) else self.look(observations)
-        readings = self.readings(seen.images[..., STATIC].flatten(1))
-        return self.joined(torch.cat([readings, seen.bands], dim=1))
+    def of_images(self, images):
+        """(n, HIDDEN) of (n, H, W, C - 1) images."""
+        return self.readings(images[..., STATIC].flatten(1))
 
 
 class VectorTrunk(nn.Module):
