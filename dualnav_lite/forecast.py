@@ -10,7 +10,7 @@ import numpy as np
 from dualnav_lite.config import ROOT, UnusableInput
 from dualnav_lite.kernels import forecast as kernel
 from dualnav_lite.kernels.tracking import MOVING
-from dualnav_lite.motion import STEP_S, STEPS, Prediction
+from dualnav_lite.motion import STEPS, TIMES_S, Prediction
 from dualnav_lite.tracking import Tracks, follow
 
 SHIPPED = ROOT / "models" / "predictor.npz"
@@ -125,9 +125,8 @@ def forecast(told: Description, outputs) -> Prediction:
     """What a network's outputs (n, K, OUTPUTS) mean, robot frame of now."""
     tracks = told.tracks
     corrections = turned(outputs.reshape(*tracks.valid.shape, STEPS + 1, 2).astype(float), told.headings[..., None])
-    times = STEP_S * np.arange(1, STEPS + 1)
     mean_velocities = tracks.velocities[..., None, :] + corrections[..., :STEPS, :]
-    positions = tracks.positions[..., None, :] + times[:, None] * mean_velocities
+    positions = tracks.positions[..., None, :] + TIMES_S[:, None] * mean_velocities
     return Prediction(positions, tracks.velocities + corrections[..., STEPS, :], tracks.valid, tracks.radii)
 
 

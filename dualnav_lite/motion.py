@@ -10,8 +10,9 @@ from dualnav_lite.kernels import raster
 
 cv2.setNumThreads(1)  # one world's flow is far too small to share, and workers own one core each
 
-STEPS = 20  # of a forecast
+STEPS = 20  # of a forecast, at `TIMES_S` from now
 STEP_S = 0.1
+TIMES_S = STEP_S * np.arange(1, STEPS + 1)
 FOOTPRINT_M = 0.30  # radius of a mover whose size nobody knows
 # Settings of the flow: a compromise of endpoint error on movers, quiet walls and time, on recorded drives.
 NEAR_CELLS = 6  # around a change, where flow is worth having: a person's width and a half
@@ -62,14 +63,14 @@ def rasterise(scans, poses, compensate=True):
     return frames
 
 
-def flow_of_frames(frames, step_s=STEP_S):
+def flow_of_frames(frames):
     """Velocity of what the images show, by Farneback's method; zeros where nothing moves.
 
     A cell is looked at if something appeared or vanished within `NEAR_CELLS` of it between the first and the last
     image; that makes static walls three times quieter and a still picture free, but misses the slowest movers.
 
     Args:
-        frames: (f, 64, 64) uint8, oldest first, evenly spaced by `step_s`.
+        frames: (f, 64, 64) uint8, oldest first, `STEP_S` apart.
 
     Returns:
         (64, 64, 2) float32 velocity [m/s], robot frame: ahead, left.
@@ -91,7 +92,7 @@ def flow_of_frames(frames, step_s=STEP_S):
     flow = cv2.calcOpticalFlowFarneback(
         old, new, None, pyr_scale=0.5, levels=0, winsize=15, iterations=1, poly_n=5, poly_sigma=1.1, flags=0
     )
-    scale = -raster.CELL_M / (step_s * (len(frames) - 1))  # rows and columns count backwards and to the right
+    scale = -raster.CELL_M / (STEP_S * (len(frames) - 1))  # rows and columns count backwards and to the right
     velocity[window] = flow[..., ::-1] * (np.float32(scale) * is_near[..., None])
     return velocity
 

@@ -15,7 +15,7 @@ from dualnav_lite.geometry import to_robot, to_world
 from dualnav_lite.lidar import Lidar
 from dualnav_lite.localiser import Localiser
 from dualnav_lite.mapping import Mapper
-from dualnav_lite.motion import STEP_S, STEPS, Prediction
+from dualnav_lite.motion import TIMES_S, Prediction
 from dualnav_lite.robot import Robots
 from dualnav_lite.routing import Guide
 from dualnav_lite.scenario import Scenario
@@ -165,10 +165,7 @@ class Perception:
         if self._predictor is None:
             return constant_velocity(tracks)
         predicted = self._predictor(self._scans.copy(), self._poses.copy())
-        if isinstance(predicted, Prediction):
-            return predicted
-        positions, velocities, valid = predicted
-        return Prediction(positions, velocities, valid, np.full(valid.shape, 0.3))
+        return predicted if isinstance(predicted, Prediction) else Prediction(*predicted)
 
     def encode(self, percept: Percept, sim: Simulation, preference, worlds) -> np.ndarray:
         """Observations of some worlds.
@@ -212,7 +209,5 @@ def true_movers(sim: Simulation):
 def true_prediction(sim: Simulation) -> Prediction:
     """Constant-velocity forecast from the simulator's own positions and velocities: an upper bound, not a sensor."""
     positions, velocities, valid = true_movers(sim)
-    times = STEP_S * np.arange(1, STEPS + 1)
-    return Prediction(
-        positions[:, :, None] + velocities[:, :, None] * times[:, None], velocities, valid, sim.movers.radii.copy()
-    )
+    ways = positions[:, :, None] + velocities[:, :, None] * TIMES_S[:, None]
+    return Prediction(ways, velocities, valid, sim.movers.radii.copy())

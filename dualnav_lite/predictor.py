@@ -16,11 +16,10 @@ from dualnav_lite.forecast import OUTPUTS, Description, describe, turned
 from dualnav_lite.forecast_errors import futures, match
 from dualnav_lite.geometry import to_robot
 from dualnav_lite.kernels.forecast import CONTEXT, SECTORS, SEQUENCE
-from dualnav_lite.motion import STEP_S, STEPS
+from dualnav_lite.motion import STEP_S, STEPS, TIMES_S
 from dualnav_lite.tracking import Tracker, follow
 from dualnav_lite.weights import save_weights
 
-TIMES = STEP_S * np.arange(1, STEPS + 1)
 MIRRORED_SEQUENCE = (2, 4, 8)  # y, vy and the robot's y change sign when left and right are swapped
 MIRRORED_CONTEXT = (5,)
 _SECTORS = 8 + (-np.arange(SECTORS)) % SECTORS  # of the context, left and right swapped
@@ -107,7 +106,7 @@ class Samples:
         is_whole = np.isfinite(future).all(axis=(2, 3)) & np.isfinite(velocity).all(axis=2)
         rows, movers = np.nonzero((owner >= 0) & is_whole)
         which = rows, owner[rows, movers]
-        mean = (future[rows, movers] - told.tracks.positions[which][:, None]) / TIMES[:, None]
+        mean = (future[rows, movers] - told.tracks.positions[which][:, None]) / TIMES_S[:, None]
         wanted = np.concatenate([mean, velocity[rows, movers][:, None]], axis=1)
         corrections = turned(wanted - told.tracks.velocities[which][:, None], -told.headings[which][:, None])
         targets = corrections.reshape(-1, OUTPUTS).astype(np.float32)
@@ -144,7 +143,7 @@ def displacement_loss(outputs, targets, velocity_weight: float):
     """
     off = (outputs - targets).reshape(-1, STEPS + 1, 2)
     sizes = torch.sqrt((off * off).sum(dim=2) + 1e-6)
-    times = torch.from_numpy(TIMES).float()
+    times = torch.from_numpy(TIMES_S).float()
     return (sizes[:, :STEPS] * times).mean() + velocity_weight * sizes[:, STEPS].mean()
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dualnav_lite.kernels import tracking as kernel
-from dualnav_lite.motion import STEP_S, STEPS, Prediction
+from dualnav_lite.motion import STEP_S, TIMES_S, Prediction
 
 MAX_MOVERS = 8
 _MAX_TRACKS = 40
@@ -115,9 +115,6 @@ class Tracker:
         return states * (was_it & tracks.valid[..., None])[..., None]
 
 
-_TIMES = STEP_S * np.arange(1, STEPS + 1)
-
-
 def constant_velocity(tracks) -> Prediction:
     """Straight lines at the present velocity.
 
@@ -127,7 +124,7 @@ def constant_velocity(tracks) -> Prediction:
     Returns:
         `Prediction` for the next 2 s, robot frame of now.
     """
-    positions = tracks.positions[..., None, :] + _TIMES[:, None] * tracks.velocities[..., None, :]
+    positions = tracks.positions[..., None, :] + TIMES_S[:, None] * tracks.velocities[..., None, :]
     return Prediction(positions, tracks.velocities, tracks.valid, tracks.radii)
 
 

@@ -21,7 +21,7 @@ from dualnav_lite.episodes import SEEDS
 from dualnav_lite.fleet import CrossTerm, FleetWorlds, draw_layout
 from dualnav_lite.interface import split_infos
 from dualnav_lite.metrics import mean_interval, wilson_interval
-from dualnav_lite.motion import STEP_S, STEPS
+from dualnav_lite.motion import STEPS, TIMES_S
 from dualnav_lite.perception import Perception
 from dualnav_lite.scenario import Scenario, load_scenario
 
@@ -38,17 +38,15 @@ COLUMNS = [
 def ways_of(commands) -> np.ndarray:
     """(n, STEPS, 2) where robots at the origin are in the next 2 s if they keep each of (n, 2) commands [m]."""
     commands = np.asarray(commands, float)
-    times = STEP_S * np.arange(1, STEPS + 1)
-    turn = commands[:, 1:] * times
+    turn = commands[:, 1:] * TIMES_S
     half = 0.5 * turn
-    chord = commands[:, :1] * times * np.sinc(half / np.pi)
+    chord = commands[:, :1] * TIMES_S * np.sinc(half / np.pi)
     return np.stack([chord * np.cos(half), chord * np.sin(half)], axis=-1)
 
 
 def cross_of_commands(grid, twist) -> np.ndarray:
     """(commands,) r_cross of each command of a grid (k, 2) for a robot that moves with `twist` (2,) now [m]."""
-    times = STEP_S * np.arange(1, STEPS + 1)
-    expected = np.stack([twist[0] * times, np.zeros(STEPS)], axis=1)  # a neighbour sees a velocity, not a turn
+    expected = np.stack([twist[0] * TIMES_S, np.zeros(STEPS)], axis=1)  # a neighbour sees a velocity, not a turn
     return -np.linalg.norm(ways_of(grid) - expected, axis=2).mean(axis=1)
 
 
