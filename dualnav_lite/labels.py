@@ -52,7 +52,7 @@ class Teacher(Ceiling):
             self.margins = 1.6 - 1.2 * preference
             self._parameters = usual.copy()
             self._parameters[[kernels.STATIC_SOFT, kernels.MOVING_SOFT]] *= self.margins
-            self._score(i, {"truth": truth}, costs[row])
+            costs[row] = self.costs(i, {"truth": truth})
             wanted = self.THRIFTY_M_S + (self.FREE_M_S - self.THRIFTY_M_S) * freedom
             costs[row] += self.SPEEDING_COST * np.maximum(np.abs(self._commands[:, 0]) - wanted, 0.0)
             costs[row] += self.TURNING_COST * (1.0 - freedom) * np.abs(self._commands[:, 1])

@@ -36,7 +36,7 @@ _CLOSED_M = 0.075  # cells nearer to something fixed are closed
 
 
 def command_grid(limits: Hardware, max_speed: float | None = None):
-    """(9, 11, 2) commands v [m/s], omega [rad/s]: what `soft_costs` scores and an imitator chooses from."""
+    """(9, 11, 2) commands v [m/s], omega [rad/s]: what `costs` scores and an imitator chooses from."""
     top = limits.max_lin_vel if max_speed is None else min(max_speed, limits.max_lin_vel)
     return np.stack(np.meshgrid(SPEEDS * top, TURNS * limits.max_ang_vel, indexing="ij"), axis=-1)
 
@@ -107,24 +107,16 @@ class SamplingPlanner(Planner):
         p[kernels.CAP] = 3.0
         self._parameters = p
 
-    def soft_costs(self, infos):
-        """(n, 9, 11) cost [m of way] of each command of `grid`, for the worlds of `infos`."""
-        costs = np.empty((len(infos), len(self._commands)))
-        for i, info in enumerate(infos):
-            self._score(i, info, costs[i])
-        return costs.reshape(-1, *self.grid.shape[:2])
-
     def command(self, i, info):
         """The cheapest command of the grid."""
-        costs = np.empty(len(self._commands))
-        self._score(i, info, costs)
-        return self._commands[costs.argmin()]
+        return self._commands[self.costs(i, info).argmin()]
 
     @abstractmethod
-    def _score(self, i: int, info: dict, costs) -> None:
-        """Write the cost of each command of `grid` for world i."""
+    def costs(self, i: int, info: dict) -> np.ndarray:
+        """(commands,) cost [m of way] of each command of `grid`, in its order, for world i."""
 
-    def _roll(self, pose, twist, headings, goal, fields, grid, circles, boxes, costs) -> None:
+    def _roll(self, pose, twist, headings, goal, fields, grid, circles, boxes) -> np.ndarray:
+        costs = np.empty(len(self._commands))
         kernels.score_commands(
             np.asarray(pose, float),
             np.asarray(twist, float),
@@ -138,7 +130,7 @@ class SamplingPlanner(Planner):
             self._parameters,
             costs,
         )
-        costs += self._turning
+        return costs + self._turning
 
 
 class Ceiling(SamplingPlanner):
@@ -166,8 +158,7 @@ class Ceiling(SamplingPlanner):
         A first command and one way to go on look a few metres far: before a corner, starting later often reaches as
         much as starting now, and a robot that saves its turns (`calm`) would stand there for ever.
         """
-        costs = np.empty(len(self._commands))
-        self._score(i, info, costs)
+        costs = self.costs(i, info)
         best = costs.argmin()
         stays = not self._commands[best].any() and np.abs(info["truth"]["twist"]).max() < STANDING_M_S
         if stays and not self._is_anything_coming(info["truth"]):
@@ -189,7 +180,8 @@ class Ceiling(SamplingPlanner):
                 return True
         return False
 
-    def _score(self, i, info, costs):
+    def costs(self, i, info):
+        """By rollouts among what is really there."""
         truth = info["truth"]
         resolution = self.settings.map.resolution_m
         people, boxed = int(truth["num_circles"]), int(truth["num_boxes"])
@@ -199,7 +191,7 @@ class Ceiling(SamplingPlanner):
         boxes = np.concatenate([b[:, :2], *turned, b[:, 3:5], truth["box_velocities"][:boxed]], axis=1)
         fields = self._fields(i, truth, circles, boxes, resolution)
         grid = (0.0, 0.0, resolution)
-        self._roll(truth["pose"], truth["twist"], HEADINGS, truth["goal"], fields, grid, circles, boxes, costs)
+        return self._roll(truth["pose"], truth["twist"], HEADINGS, truth["goal"], fields, grid, circles, boxes)
 
     def _fields(self, i, truth, circles, boxes, resolution):
         """The fields of a world, computed anew when the goal or what stands has changed."""
@@ -238,7 +230,8 @@ class CvSampling(SamplingPlanner):
         # Its fields end 3.2 m away and its path 3.1 m: it looks no farther.
         self._parameters[kernels.SECOND_S] = 2.4
 
-    def _score(self, i, info, costs):
+    def costs(self, i, info):
+        """By rollouts among what the robot sees."""
         tracks = info["tracks"]
         valid = tracks["valid"]
         places, radii, velocities = tracks["positions"][valid], tracks["radii"][valid], tracks["velocities"][valid]
@@ -253,4 +246,4 @@ class CvSampling(SamplingPlanner):
         grid = (ORIGIN_M, ORIGIN_M, RESOLUTION_M)
         boxes = np.zeros((0, 8))
         headings = HEADINGS - info["pose"][2]
-        self._roll(np.zeros(3), info["twist"], headings, goal, fields, grid, circles, boxes, costs)
+        return self._roll(np.zeros(3), info["twist"], headings, goal, fields, grid, circles, boxes)
