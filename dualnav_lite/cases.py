@@ -1,7 +1,6 @@
 """What a run of `stress_tests/case.ipynb` is about: scenarios that share a notebook, and what is said of them."""
 
 from functools import cache
-from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
@@ -28,16 +27,16 @@ class Case(Frozen):
 
 
 @cache
-def all_cases(path: Path = CASE_FILE) -> dict[str, Case]:
+def all_cases() -> dict[str, Case]:
     """Every case by name, in the article's order.
 
     Raises:
         UnusableInput: a file that cannot be used, or a scenario that does not exist.
     """
-    values = read_yaml(path)
+    values = read_yaml(CASE_FILE)
     if not isinstance(values, dict) or not values:
-        raise UnusableInput(f"{path}: holds cases by name")
-    cases = {name: validated(Case, value, f"{path}: {name}") for name, value in values.items()}
+        raise UnusableInput(f"{CASE_FILE}: holds cases by name")
+    cases = {name: validated(Case, value, f"{CASE_FILE}: {name}") for name, value in values.items()}
     for case in cases.values():
         for scenario in case.scenarios:
             load_scenario(scenario)

@@ -210,13 +210,13 @@ def claims_page(claims: list[Claim], table: pd.DataFrame) -> str:
     return "\n".join(lines) + "\n"
 
 
-def reference_tables(results: Path | None = None, reference: Path = REFERENCE) -> dict[str, pd.DataFrame]:
+def reference_tables(results: Path | None = None) -> dict[str, pd.DataFrame]:
     """What the claims are judged by: the published tables, or those of a results folder where it has them.
 
     The survival table and the article's view are made from the published rows where no folder has them.
     """
-    tables = read_tables([folder for folder in (results, reference, reference / "beyond") if folder])
-    rows = published_rows(reference)
+    tables = read_tables([folder for folder in (results, REFERENCE, REFERENCE / "beyond") if folder])
+    rows = published_rows()
     if len(rows):
         tables.setdefault("survival", survival(rows))
         tables.setdefault("pareto_episodes", pareto_episodes(rows))

@@ -82,11 +82,10 @@ def _browser() -> Finding:
     return Finding("browser", found[0] if found else "no Chromium: the browser tests are skipped (apt: chromium)")
 
 
-def control_speed(seconds: float = 1.0, clock: Callable[[], float] = time.perf_counter) -> float:
-    """Full control steps a second of eight worlds in one process.
+def control_speed(clock: Callable[[], float] = time.perf_counter) -> float:
+    """Full control steps a second of eight worlds in one process, measured for a second.
 
     Args:
-        seconds: how long to measure.
         clock: `time.process_time` leaves out what other programs take.
     """
     worlds = 8
@@ -96,7 +95,7 @@ def control_speed(seconds: float = 1.0, clock: Callable[[], float] = time.perf_c
     for _ in range(10):  # every kernel has been met by then
         env.step(actions)
     steps, start = 0, clock()
-    while clock() - start < seconds:
+    while clock() - start < 1.0:
         env.step(actions)
         steps += worlds
     rate = steps / (clock() - start)

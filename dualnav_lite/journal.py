@@ -30,7 +30,6 @@ class Journal:
     """Running sums of n episodes; every attribute is an (n,) array."""
 
     def __init__(self, num_envs: int):
-        self.num_envs = num_envs
         self.preference = np.zeros(num_envs)
         self.steps = np.zeros(num_envs, np.int64)
         self.path_m = np.zeros(num_envs)
@@ -47,8 +46,7 @@ class Journal:
     def reset(self, world: int, preference: float, clearance: float) -> None:
         """Open a new page for one world."""
         for values in vars(self).values():
-            if isinstance(values, np.ndarray):
-                values[world] = 0
+            values[world] = 0
         self.preference[world] = preference
         self.min_clearance_m[world] = clearance
 

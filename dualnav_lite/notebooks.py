@@ -94,13 +94,8 @@ def to_notebook(source: str) -> str:
         raise UnusableInput(f"not a valid notebook: {error.message}") from None
 
 
-def to_source(notebook: str) -> str:
-    """Percent script of a notebook, outputs and execution counts dropped: `to_notebook` turned round."""
-    return _percent(nbformat.reads(notebook, as_version=4).cells)
-
-
-def _percent(cells) -> str:
-    """Cells as a percent script without a header."""
+def to_source(cells) -> str:
+    """Percent script of a notebook's cells, outputs and execution counts dropped: `to_notebook` turned round."""
     plain = nbformat.v4.new_notebook(
         cells=_named_cells(cells), metadata={"jupytext": {"notebook_metadata_filter": "-all"}}
     )
@@ -180,7 +175,7 @@ def take_back(name: str, root: Path = ROOT) -> Path:
             raise UnusableInput(
                 f"src/{source.name} was edited since {path.name} was made: rebuild, or join them by hand"
             )
-    text = _percent(notebook.cells)
+    text = to_source(notebook.cells)
     built = to_notebook(text)
     write_atomic(source, text)
     write_atomic(path, built)

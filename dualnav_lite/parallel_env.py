@@ -47,7 +47,7 @@ class ParallelVectorEnv(gymnasium.vector.VectorEnv):
         if not 1 <= workers <= num_envs:
             raise UnusableInput(f"workers must be 1 to {num_envs} for {num_envs} worlds, got {workers}")
         self.config = config if isinstance(config, Config) else load_config(config)
-        self.num_envs, self.workers = num_envs, workers
+        self.num_envs = num_envs
         self.scenarios = resolve_scenarios(self.config, scenario)
         self.single_action_space, self.single_observation_space = action_box(self.config), observation_box(self.config)
         self.action_space = batch_space(self.single_action_space, num_envs)

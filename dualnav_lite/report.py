@@ -179,9 +179,9 @@ def escaped(text: str) -> str:
     return "".join(plain.get(character, character) for character in text)
 
 
-def survival_lines(table: pd.DataFrame, chosen: Sequence[str] | None = None) -> list[str]:
-    """The survival table as lines of Markdown; arguments as in `survival_cells`."""
-    return markdown(HEADER, survival_cells(table, chosen))
+def survival_lines(table: pd.DataFrame) -> list[str]:
+    """The survival table as lines of Markdown."""
+    return markdown(HEADER, survival_cells(table))
 
 
 def text_tables(tables: Mapping[str, pd.DataFrame]) -> dict[str, str]:

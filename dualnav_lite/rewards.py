@@ -243,8 +243,8 @@ class WindowScore:
     watched failing. The repaired form is scaled by the trainer, by a running standard deviation with the mean kept.
     """
 
-    def __init__(self, num_envs: int, window: int = ARTICLE_WINDOW):
-        self._values = np.zeros((num_envs, window, len(TERMS)))
+    def __init__(self, num_envs: int):
+        self._values = np.zeros((num_envs, ARTICLE_WINDOW, len(TERMS)))
         self._count = np.zeros(num_envs, np.int64)
 
     def reset(self, indices) -> None:
@@ -255,11 +255,10 @@ class WindowScore:
         """Scored copy of a terms dictionary of (n,) arrays; `terminal` passes through. Inactive worlds score 0."""
         values = vector_reward(terms)
         active = np.ones(len(values), bool) if active is None else active
-        window = self._values.shape[1]
         worlds = np.flatnonzero(active)
-        self._values[worlds, self._count[worlds] % window] = values[worlds]
+        self._values[worlds, self._count[worlds] % ARTICLE_WINDOW] = values[worlds]
         self._count[worlds] += 1
-        filled = np.arange(window) < self._count[:, None]
+        filled = np.arange(ARTICLE_WINDOW) < self._count[:, None]
         share = filled / np.maximum(filled.sum(axis=1, keepdims=True), 1)
         mean = np.einsum("nw,nwt->nt", share, self._values)
         spread = np.sqrt(np.einsum("nw,nwt->nt", share, (self._values - mean[:, None]) ** 2))

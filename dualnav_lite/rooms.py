@@ -15,6 +15,7 @@ from dualnav_lite.semantics import Surface
 FIELD_RESOLUTION_M = 0.1
 WALL_HALF_THICKNESS_M = 0.06
 JAMB_HALF_LENGTH_M = 0.05
+POINT_TRIES = 60  # for a free point
 PATH_MARGIN_M = 0.10  # kept free beside the hull where a way is asked for
 
 
@@ -156,9 +157,9 @@ def distance_to_line(x, y, x0, y0, x1, y1) -> float:
     return math.hypot(x - x0 - share * ex, y - y0 - share * ey)
 
 
-def free_point(rng, room: StaticRoom, clearance: float, tries: int = 60):
+def free_point(rng, room: StaticRoom, clearance: float):
     """A point at least `clearance` from every solid, or None."""
-    for _ in range(tries):
+    for _ in range(POINT_TRIES):
         point = np.array([rng.uniform(0.0, room.width), rng.uniform(0.0, room.height)])
         if room.clearance[room.cell(point)] >= clearance:
             return point

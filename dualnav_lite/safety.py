@@ -22,14 +22,13 @@ class SafetyFilter:
 
     Args:
         config: hull, accelerations, control step and lidar.
-        margin_m: distance kept beyond the hull.
     """
 
-    def __init__(self, config: Config, margin_m: float = MARGIN_M):
+    def __init__(self, config: Config):
         self._robot, self._range_max = config.robot, config.lidar.range_max_m
         self._max_omega = config.hardware.max_ang_vel
         self._control_dt = config.control_dt_s
-        self._hull = config.robot.hull_radius_m + margin_m
+        self._hull = config.robot.hull_radius_m + MARGIN_M
 
     def __call__(self, commands, scans, twists):
         """Commands that can be braked from.
@@ -66,18 +65,13 @@ class SafetyFilter:
 
 
 class FilteredDriver:
-    """A driver behind the filter; to `evaluate` a driver like any other.
-
-    Attributes:
-        interventions: control steps in which a command was changed.
-    """
+    """A driver behind the filter; to `evaluate` a driver like any other."""
 
     def __init__(self, driver, config: Config):
         self._driver, self._filter = driver, SafetyFilter(config)
         self.needs_truth, self.needs_full_map = driver.needs_truth, driver.needs_full_map
         self.training_seed = getattr(driver, "training_seed", None)
         self.fingerprint = f"filtered and turned {MARGIN_M} {getattr(driver, 'fingerprint', '')}"
-        self.interventions = 0
 
     def own_config(self, config: Config) -> Config:
         """The driver's, where it has one."""
@@ -89,8 +83,5 @@ class FilteredDriver:
 
     def act(self, observations, infos) -> np.ndarray:
         """(n, 2) commands of the driver, slowed down where they must be; reads `scan` and `twist` of the infos."""
-        commands = np.asarray(self._driver.act(observations, infos), float)
         scans, twists = (np.stack([info[name] for info in infos]) for name in ("scan", "twist"))
-        safe = self._filter(commands, scans, twists)
-        self.interventions += int((np.abs(safe - commands) > 1e-9).any(axis=1).sum())
-        return safe
+        return self._filter(self._driver.act(observations, infos), scans, twists)

@@ -189,11 +189,11 @@ def all_scenarios(folder: Path = SCENARIO_FOLDER) -> dict[str, Scenario]:
     return found
 
 
-def load_scenario(name: str, folder: Path = SCENARIO_FOLDER) -> Scenario:
+def load_scenario(name: str) -> Scenario:
     """The scenario with this id, also of cars and of fleets, or in the YAML file with this path."""
     if name.endswith((".yaml", ".yml")):
         return next(iter(read_scenarios(name).values()))
-    known = all_scenarios(folder) | all_scenarios(HIGHWAY_FOLDER) | all_scenarios(FLEET_FOLDER)
+    known = all_scenarios() | all_scenarios(HIGHWAY_FOLDER) | all_scenarios(FLEET_FOLDER)
     if name not in known:
         raise UnusableInput(f"unknown scenario '{name}'; known: {', '.join(known)}")
     return known[name]

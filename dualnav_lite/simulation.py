@@ -17,6 +17,7 @@ from dualnav_lite.semantics import Surface
 from dualnav_lite.world import World
 
 MAX_PHANTOMS = 8
+MAX_ROOM_M = 12.0  # of a side
 RESTART_CLEARANCE_M = 0.6  # a robot re-placed after a contact has this much room around its middle
 
 
@@ -34,9 +35,9 @@ class Simulation:
         layouts, scenarios: of each world's present episode.
     """
 
-    def __init__(self, num_envs: int, config: Config, max_room_m: float = 12.0):
+    def __init__(self, num_envs: int, config: Config):
         n = num_envs
-        cells = int(np.ceil(max_room_m / FIELD_RESOLUTION_M - 1e-9))
+        cells = int(np.ceil(MAX_ROOM_M / FIELD_RESOLUTION_M - 1e-9))
         self.config = config
         self.robots = Robots(n, config)
         self.movers = Movers(n)

@@ -94,7 +94,7 @@ def survival(
     return columns.astype({"training_seed": "Int64", "article_claim": "float64"})
 
 
-def paired(rows: pd.DataFrame, arm_a: str, arm_b: str, *, strict: bool = False) -> pd.DataFrame:
+def paired(rows: pd.DataFrame, arm_a: str, arm_b: str) -> pd.DataFrame:
     """One row per scenario: on which seeds both, one or no arm survived, difference a - b, interval and exact p.
 
     Only seeds that both arms ran count; scenarios without any are left out.
@@ -109,7 +109,7 @@ def paired(rows: pd.DataFrame, arm_a: str, arm_b: str, *, strict: bool = False) 
         raise ValueError(f"need two arms that have rows, got '{arm_a}' and '{arm_b}'; known: {known}")
     _one_row_per_seed(chosen, ["scenario", "arm", "seed"])
     table = []
-    for scenario, group in chosen.assign(success=survived(chosen, strict)).groupby("scenario", sort=True):
+    for scenario, group in chosen.assign(success=survived(chosen)).groupby("scenario", sort=True):
         pairs = group.pivot(index="seed", columns="arm", values="success").reindex(columns=[arm_a, arm_b]).dropna()
         a, b = pairs[arm_a].to_numpy(bool), pairs[arm_b].to_numpy(bool)
         counts = [int(cell.sum()) for cell in (a & b, a & ~b, ~a & b, ~a & ~b)]
@@ -128,7 +128,7 @@ def _one_row_per_seed(rows: pd.DataFrame, key: list[str]) -> None:
         )
 
 
-def failures(rows: pd.DataFrame, count: int = 3) -> pd.DataFrame:
-    """The first failed episodes of each scenario and arm: what a reader would want to see again."""
+def failures(rows: pd.DataFrame) -> pd.DataFrame:
+    """The first three failed episodes of each scenario and arm: what a reader would want to see again."""
     columns = ["scenario", "arm", "seed", "outcome", "time_s", "path_m", "energy_j"]
-    return rows[~survived(rows)].groupby(["scenario", "arm"]).head(count)[columns].reset_index(drop=True)
+    return rows[~survived(rows)].groupby(["scenario", "arm"]).head(3)[columns].reset_index(drop=True)

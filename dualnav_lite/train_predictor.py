@@ -144,7 +144,6 @@ def judge_predictor(
     families=UNSEEN,
     episodes: int = 100,
     seed_base: int = SEEDS["test"].start,
-    arms=ARMS,
     jobs: int = 1,
 ):
     """`predictor.csv`: constant velocity and the LSTM on the same movers of families it was not trained on.
@@ -152,9 +151,8 @@ def judge_predictor(
     Args:
         predictor: a `.npz` file; the shipped one if None.
         families: scenarios.
-        episodes: of each, shared out to the arms in turn.
+        episodes: of each, shared out to `ARMS` in turn.
         seed_base: first seed.
-        arms: drivers.
         jobs: processes.
 
     Returns:
@@ -166,7 +164,7 @@ def judge_predictor(
         load_scenario(family)
         for k in range(0, episodes, SHARD_EPISODES):
             seeds = [seed_base + i for i in range(k, min(k + SHARD_EPISODES, episodes))]
-            arm = arms[(k // SHARD_EPISODES) % len(arms)]
+            arm = ARMS[(k // SHARD_EPISODES) % len(ARMS)]
             calls.append(joblib.delayed(_judge_shard)(family, arm, seeds, predictor))
             owners.append(family)
     errors: dict[str, dict[str, list[np.ndarray]]] = {}

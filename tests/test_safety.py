@@ -136,9 +136,11 @@ def test_a_blind_driver_behind_the_filter_hits_no_wall_and_no_furniture():
     observations, infos = env.reset(seed=list(range(100, 108)))
     driver = FilteredDriver(Blind(), CONFIG)
     assert driver.training_seed == 3
-    contacts = 0
+    contacts, slowed = 0, 0
     for _ in range(120):
-        observations, _, _, _, infos = env.step(driver.act(observations, split_infos(infos, 8)))
+        commands = driver.act(observations, split_infos(infos, 8))
+        slowed += int((commands[:, 0] < 0.8).sum())
+        observations, _, _, _, infos = env.step(commands)
         contacts += int(env.journal.contacts.sum())
-    assert driver.interventions > 0
+    assert slowed > 0
     assert contacts == 0

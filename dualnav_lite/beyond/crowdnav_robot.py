@@ -52,7 +52,7 @@ class CrowdWorlds:
 
     def __init__(self, cases: list[Case], config: Config, walls_m: float | None = None):
         n, people = len(cases), cases[0].positions.shape[1]
-        self.cases, self.config = cases, config
+        self.config = config
         self._paths = np.stack([case.positions for case in cases])
         self.robots, self.scene = Robots(n, config), Scene.empty(n)
         self.poses = np.tile([*START, 0.5 * np.pi], (n, 1))
@@ -114,7 +114,7 @@ class CrowdWorlds:
         return found
 
 
-def drive_cases(arm: str, cases: list[Case], config: Config, walls_m=None, preference: float = 0.5) -> CrowdWorlds:
+def drive_cases(arm: str, cases: list[Case], config: Config, walls_m=None) -> CrowdWorlds:
     """Let a lidar arm of this kit drive some cases to their end.
 
     Args:
@@ -122,7 +122,6 @@ def drive_cases(arm: str, cases: list[Case], config: Config, walls_m=None, prefe
         cases: with equally many people each.
         config: of the robot and its senses.
         walls_m: as in `CrowdWorlds`.
-        preference: of the policy; the kit's default, as it ships.
     """
     worlds, n = CrowdWorlds(cases, config, walls_m), len(cases)
     perception, driver = Perception(n, config), make_driver(arm, config)
@@ -131,7 +130,7 @@ def drive_cases(arm: str, cases: list[Case], config: Config, walls_m=None, prefe
     for i in range(n):
         perception.reset(i, scenario, TEST_SEED + i, sim)
     driver.reset(np.arange(n))
-    preferences = np.full(n, preference)
+    preferences = np.full(n, 0.5)  # the kit's default
     limits = config.hardware.limits
     while worlds.steps[0] * config.control_dt_s < LIMIT_S:
         percept = perception.sense(sim, everybody, np.zeros(n, bool))
@@ -158,7 +157,7 @@ def row_of(setting: str, people: int, arm: str, knows: str, radii, results: list
 
 
 def crowdnav_table(
-    people=(5, 10), arms=("ppo", "cv_sampling"), walled=("ppo",), cases: int = TEST_CASES, config=None, on_row=None
+    people=(5, 10), arms=("ppo", "cv_sampling"), walled=("ppo",), cases: int = TEST_CASES, on_row=None
 ) -> pd.DataFrame:
     """The protocol's table: its own arms, and this kit's on lidar alone, judged by their hull and by the robot's own.
 
@@ -167,10 +166,9 @@ def crowdnav_table(
         arms: of this kit, as in `drivers.make_driver`.
         walled: arms that also run with walls around, to see whether the open plane is what they fail at.
         cases: test cases, from the first.
-        config: of the robot; the defaults if None.
         on_row: called with the table after each arm, since the whole takes minutes.
     """
-    config, rows = config or Config(), []
+    config, rows = Config(), []
     for count in people:
         drawn = [make_case(TEST_SEED + k, count) for k in tqdm(range(cases), f"{count} people", leave=False)]
         for name, choose in HOLONOMIC.items():

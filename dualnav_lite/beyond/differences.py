@@ -7,6 +7,7 @@ from scipy import stats
 from dualnav_lite.metrics import wilson_interval
 
 COLUMNS = ["question", "difference", "low", "high", "n"]
+WEIGHT = 0.3  # of the cross-agent term, article 4.5
 # Of two learners: the column compared, who is expected to have more of it, and beside whom.
 LEARNERS = {
     "dqn_jitters": ("accel_rms", "dqn", "ppo"),
@@ -34,19 +35,19 @@ def learner_differences(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def fleet_differences(table: pd.DataFrame, weight: float = 0.3) -> pd.DataFrame:
+def fleet_differences(table: pd.DataFrame) -> pd.DataFrame:
     """Robots that arrive with the article's weight minus those that arrive without the term, all sizes together.
 
     The interval treats both as independent samples (Newcombe's method 10 on Wilson's limits); on the same seeds the
     true one is no wider.
     """
     sums = {}
-    for chosen in (weight, 0.0):
+    for chosen in (WEIGHT, 0.0):
         rows = table[np.isclose(table.cross_weight, chosen)]
         if rows.empty:
             return pd.DataFrame(columns=COLUMNS)
         sums[chosen] = int(rows.robots_arrived.sum()), int((rows.robots * rows.runs).sum())
-    (a, n), (b, m) = sums[weight], sums[0.0]
+    (a, n), (b, m) = sums[WEIGHT], sums[0.0]
     (low_a, high_a), (low_b, high_b) = wilson_interval(a, n), wilson_interval(b, m)
     gap = a / n - b / m
     low = gap - np.hypot(a / n - low_a, high_b - b / m)

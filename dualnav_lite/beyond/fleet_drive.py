@@ -27,6 +27,7 @@ from dualnav_lite.scenario import Scenario, load_scenario
 
 WEIGHTS = (0.0, 0.1, 0.3, 1.0)
 NATS_A_METRE = 10.0  # what a metre off the expected way counts at weight 1, in log-probability; fixed beforehand
+ARM, FIRST_SEED = "ppo", SEEDS["test"].start
 FLEETS = 10  # side by side; rows do not depend on it
 COLUMNS = [
     "scenario", "robots", "arm", "cross_weight", "runs", "robots_arrived", "arrived_rate", "wilson_low", "wilson_high",
@@ -141,8 +142,6 @@ def fleet_table(
     robots: Sequence[int] = (2, 3, 4),
     weights: Sequence[float] = WEIGHTS,
     runs: int = 20,
-    arm: str = "ppo",
-    seed_base: int = SEEDS["test"].start,
     on_row: Callable[[pd.DataFrame], None] = lambda table: None,
 ) -> pd.DataFrame:
     """The policy in fleets of several sizes, with each weight of the cross-agent term, on the same seeds."""
@@ -151,9 +150,9 @@ def fleet_table(
         scenario = base.model_copy(update={"fleet": base.fleet.model_copy(update={"robots": count})})
         for weight in weights:
             found: list[dict] = []
-            seeds = range(seed_base, seed_base + runs)
+            seeds = range(FIRST_SEED, FIRST_SEED + runs)
             for first in tqdm(range(0, runs, FLEETS), f"{count} robots, weight {weight}", leave=False):
-                found += drive_fleets(scenario, seeds[first : first + FLEETS], config, arm, weight)
-            rows.append(row_of(scenario, arm, weight, found))
+                found += drive_fleets(scenario, seeds[first : first + FLEETS], config, ARM, weight)
+            rows.append(row_of(scenario, ARM, weight, found))
             on_row(pd.DataFrame(rows, columns=COLUMNS))
     return pd.DataFrame(rows, columns=COLUMNS)

@@ -57,9 +57,9 @@ class Observation:
 '''
 
 
-def needed_modules(roots=ROOTS) -> list[str]:
-    """Dotted names inside the package that some modules import, directly or through others; `config` is left out."""
-    waiting, found = list(roots), set()
+def needed_modules() -> list[str]:
+    """Dotted names inside the package that `ROOTS` import, directly or through others; `config` is left out."""
+    waiting, found = list(ROOTS), set()
     while waiting:
         name = waiting.pop()
         if name in found or name == "config":

@@ -20,6 +20,7 @@ from dualnav_lite.episodes import SEEDS
 from dualnav_lite.metrics import mean_interval, wilson_interval
 
 GOAL = 48  # the corner of the town where the walker lives
+APART_M = 300.0  # of a judged walk's ends
 STEPS, WALKERS, HIDDEN = 60_000, 32, 128
 SETTINGS = DQN(learning_rate=1e-3, gamma=1.0, train_every=8)  # a walk ends, so nothing needs to count less
 PREFERENCES = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -37,14 +38,14 @@ def train_walker(
     return train_dqn(env, SETTINGS, steps, seed, street_mask, HIDDEN, on_step, targets)
 
 
-def draw_trips(town: Town, count: int, seed: int = SEEDS["test"].start, goal: int = GOAL, apart_m: float = 300.0):
-    """`count` triples: start, goal and minute of departure, at least so far apart."""
-    rng = streams.stream(seed, "trips")
+def draw_trips(town: Town, count: int):
+    """`count` triples: start, goal and minute of departure, at least `APART_M` apart."""
+    rng = streams.stream(SEEDS["test"].start, "trips")
     trips: list[tuple[int, int, int]] = []
     while len(trips) < count:
         start, minute = int(rng.integers(len(town.places))), int(rng.integers(DAY_MIN))
-        if np.hypot(*(town.places[start] - town.places[goal])) >= apart_m:
-            trips.append((start, goal, minute))
+        if np.hypot(*(town.places[start] - town.places[GOAL])) >= APART_M:
+            trips.append((start, GOAL, minute))
     return trips
 
 

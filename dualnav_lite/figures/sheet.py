@@ -70,9 +70,9 @@ class Sheet:
         self.figure.text(left / self._size[0], 1.0 - top / self._size[1], text, **style)
 
 
-def play(scenario: str | Scenario, seed: int, config: Config | None = None, arm: str = "ceiling") -> Iterator:
-    """The environment of one episode at its start and after each step, driven by a planner, until the episode ends."""
-    return (env for env, _ in drive(arm, scenario, seed, "rgb_array", config))
+def play(scenario: str | Scenario, seed: int, config: Config | None = None) -> Iterator:
+    """The environment of one episode at its start and after each step, driven by the ceiling, until it ends."""
+    return (env for env, _ in drive("ceiling", scenario, seed, "rgb_array", config))
 
 
 def play_until(time_s: float, scenario: str | Scenario, seed: int, config: Config | None = None) -> DynamicNavVectorEnv:
