@@ -51,7 +51,7 @@ class ExperienceBuffer:
 
 
 class PPOAgent:
-    """The article's agent (3.2): its call and its loop work; what is inside is this file.
+    """The article's agent (3.2): its call and its loop work; what is inside is `ppo`.
 
     Args:
         state_dim: (3, 64, 64), (4, 64, 64), or the size of a vector.
@@ -107,7 +107,7 @@ class PPOAgent:
             return self.actor.head.physical(action)[0].numpy(), float(log_prob[0])
 
     def update(self) -> dict[str, float]:
-        """Learn from the buffer and empty it; the numbers listed in this file's head."""
+        """Learn from the buffer and empty it; the numbers listed at the head of `ppo`."""
         buffer, rollout = self.buffer, self.buffer.rollout
         following = buffer.states[1:] + buffer.states[-1:]
         after = [one if last is None else last for last, one in zip(buffer.next_states, following, strict=True)]

@@ -16,10 +16,10 @@ from torch import nn
 
 from dualnav_lite import __version__
 from dualnav_lite.config import Config, write_atomic
-from dualnav_lite.drivers import CARD, EmbeddedPolicy, make_driver, runner
+from dualnav_lite.drivers import CARD, EmbeddedPolicy, runner
 from dualnav_lite.policy import Actor, CommandGridHead
 
-__all__ = ["Deployed", "EmbeddedPolicy", "card_of", "export", "make_driver", "num_channels_of"]
+__all__ = ["Deployed", "EmbeddedPolicy", "card_of", "export"]
 
 MOST_BYTES = 8_000_000  # article 3.3
 PARITY = 1e-5
@@ -82,8 +82,7 @@ def export(actor: Actor, card: Mapping[str, Any], folder: str | Path, name: str 
         RuntimeError: exports that differ by more than 1e-5, or a file of 8 MB and more.
     """
     model = Deployed(actor).eval()
-    channels = num_channels_of(card)
-    example = torch.rand(2, channels, 64, 64)
+    example = torch.rand(2, 4 if card["observation"]["intensity"] else 3, 64, 64)
     with torch.no_grad():
         contents = {
             "pth": _weights(actor),
@@ -102,11 +101,6 @@ def export(actor: Actor, card: Mapping[str, Any], folder: str | Path, name: str 
         paths[ending] = Path(folder) / f"{name}.{ending}"
         write_atomic(paths[ending], content)
     return paths
-
-
-def num_channels_of(card: Mapping[str, Any]) -> int:
-    """C of the observations that the policy of this card takes."""
-    return 4 if card["observation"]["intensity"] else 3
 
 
 def _weights(actor: Actor) -> bytes:

@@ -178,7 +178,7 @@ def imitate(
     Args:
         actor: the student, trained in place.
         make_actor: builds an untrained twin, in worker processes too.
-        settings, config, scenarios, seed: as in `collect`.
+        settings, config, scenarios, seed: as in `labels.collect`.
         folder: where shards and students of each round go.
         jobs: worker processes for collecting; the result does not depend on it.
         log: called with a dict of numbers after each round.

@@ -20,7 +20,7 @@ from dualnav_lite.trunks import looked, trunk_for
 def collect(
     env, actor: Actor, critic: Critic, observations, steps: int, generator, deviation: RunningDeviation, on_step
 ):
-    """Let the policy drive every world for some steps (detail 1).
+    """Let the policy drive every world for some steps (detail 1 of `ppo`).
 
     Args:
         env: vector environment with same-step autoreset; `infos["vector_reward"]` and `infos["reward_weights"]` are

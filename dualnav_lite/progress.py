@@ -64,7 +64,7 @@ class Reporter:
             self._recent.append((page["min_clearance_m"][i], page["energy_j"][i], page["outcome"][i] == "goal"))
             self.episodes += 1
             if self.episodes % EPISODES_A_REPORT == 0:
-                safe_dist, energy, reached = np.mean(np.array(self._recent, float), axis=0)
+                safe_dist, energy, reached = self.numbers().values()
                 self._say(
                     f"Ep {self.episodes}: SafeDist={safe_dist:.2f}m | Energy={energy:.2f}J | reached {reached:.0%} | "
                     f"step {step:,} of {self._total:,}, {self._left(step)} left"

@@ -12,6 +12,7 @@ import pandas as pd
 from dualnav_lite.cases import all_cases, load_case
 from dualnav_lite.chunks import arm_name, plan_chunks
 from dualnav_lite.config import Config, UnknownName, UnusableInput, with_overrides, write_atomic
+from dualnav_lite.encoder import num_channels
 from dualnav_lite.evaluate import evaluate, library_arm
 from dualnav_lite.execution import run_notebook
 from dualnav_lite.judge import judge_folder
@@ -110,7 +111,7 @@ def broken_arms(arms: Sequence[str]) -> dict[str, str]:
         UnusableInput: an unknown arm or knob, a model file that does not exist.
     """
     broken, config = {}, Config()
-    observations = np.zeros((1, 4 if config.observation.intensity else 3, 64, 64), np.float32)
+    observations = np.zeros((1, num_channels(config.observation), 64, 64), np.float32)
     for arm in dict.fromkeys(arms):
         if arm.partition("@")[0] in ARMS:
             library_arm(arm, config)

@@ -39,8 +39,8 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
         scenario: id, path, `Scenario`, or a sequence of them from which each episode draws one by its seed.
         truth: put the simulator's own state into `infos["truth"]`, for the ceiling planner and teachers.
         full_map: put the whole received map into `infos["received_map"]`.
-        encoder, reward_function, predictor: a student's parts (SPEC 15), called a world at a time;
-            None for the library's.
+        encoder, reward_function, predictor: a student's parts (SPEC 15), the first two called a world at a time; None
+            for the library's.
         autoreset: see above.
         render_mode: None or "rgb_array"; render_theme: "light", or "dark" for a dark notebook.
 

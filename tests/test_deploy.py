@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from dualnav_lite.config import Config, Hardware, UnusableInput, with_overrides
-from dualnav_lite.deploy import EmbeddedPolicy, card_of, export, make_driver
+from dualnav_lite.deploy import EmbeddedPolicy, card_of, export
+from dualnav_lite.drivers import make_driver
 from dualnav_lite.planners.sampling import command_grid
 from dualnav_lite.policy import Actor, CommandGridHead, make_actor
 from dualnav_lite.trunks import HIDDEN, ImageTrunk

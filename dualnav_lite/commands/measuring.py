@@ -57,14 +57,14 @@ def measure(
     out: Annotated[Path, typer.Option(help="Folder of the CSVs.")] = Path("results"),
 ) -> int:
     """Fronts of preferences, the battery band, latency, three hours minute by minute, differential evolution."""
-    from dualnav_lite.measures.tables import Options
+    from dualnav_lite.measures.tables import MOST_ROWS, Options
     from dualnav_lite.measures.tables import run as run_measure
 
     options = Options(
         out, words(arms) if arms else (), words(scenarios) if scenarios else (), episodes, seed_base, jobs
     )
     for table, content in run_measure(name, options).items():
-        if len(content) <= 60:
+        if len(content) <= MOST_ROWS:
             print(content.to_string(index=False, float_format=lambda value: f"{value:.4g}"))
         print(f"{out / table}.csv: {len(content)} rows\n")
     return 0

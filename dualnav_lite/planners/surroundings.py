@@ -1,4 +1,4 @@
-"""Fields around the robot from what it sees: occupied cells, distance to them, way to a point."""
+"""Fields around the robot from what it sees: occupied cells and the distance to them."""
 
 import cv2
 import numpy as np
