@@ -67,12 +67,20 @@ def checked_reset(num_envs: int, seed, options: dict[str, Any] | None, has_begun
     return mask, seeds, preference.tolist()
 
 
+def last_observations(observations, ended) -> np.ndarray:
+    """(n,) objects: copies of the observations of the worlds that ended, (n,) bool, None elsewhere."""
+    last = np.full(len(observations), None, dtype=object)
+    for i in np.flatnonzero(ended):
+        last[i] = observations[i].copy()
+    return last
+
+
 def restarted_infos(ended: dict[str, Any], fresh: dict[str, Any], final_obs, mask) -> dict[str, Any]:
     """Infos of a step after which some worlds began anew (Gymnasium's same-step autoreset).
 
     Args:
         ended: infos of the step; fresh: of the worlds as they stand now.
-        final_obs: (n,) last observations where an episode ended, None elsewhere.
+        final_obs: (n,) `last_observations`.
         mask: (n,) bool, where it did.
 
     Returns:

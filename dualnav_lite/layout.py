@@ -87,7 +87,7 @@ def _attempt(rng, scenario: Scenario, config: Config, seed: int) -> Layout | Non
             return None
         crowd, movers = drawn
     if scenario.room.hall:
-        room = furnish(rng, room, scenario.room, hall_lanes(start, goal, crowd, movers))
+        room = furnish(rng, room, scenario.room, hall_lanes(start, goal, movers))
     draw_people(rng, room, scenario, start, movers)
     draw_pushables(rng, room, scenario.room, start, goal, movers)
     # The way must be open without pushing anything.

@@ -87,7 +87,7 @@ def draw_crowd(rng, room: StaticRoom, scenario: Scenario, start, goal, top_speed
     return plan, movers
 
 
-def hall_lanes(start, goal, crowd: CrowdPlan | None, movers) -> list:
+def hall_lanes(start, goal, movers) -> list:
     """Strips of a hall that furniture must not block: the journey's ends and the lane of every walker."""
     lanes = [(*start[:2].tolist(), *goal.tolist(), 0.5)]
     for mover in movers:

@@ -67,11 +67,11 @@ class Trainer:
         self.config = resolved_config(training)
         claim_folder(self.folder, training)
         self.log = Log(self.folder / "log.csv", say)
-        shape = (num_channels(self.config.observation), 64, 64)
+        self._shape = (num_channels(self.config.observation), 64, 64)
         with torch.random.fork_rng():
             torch.manual_seed(training.seed)
             self.actor = self.make_actor()
-            self.critic = Critic(trunk_for(shape, training.grain), len(TERMS))
+            self.critic = Critic(trunk_for(self._shape, training.grain), len(TERMS))
         self.device = chosen_device(device)
         self.actor.to(self.device)
         self.critic.to(self.device)
@@ -79,8 +79,7 @@ class Trainer:
 
     def make_actor(self) -> Actor:
         """An untrained policy of this training's shape."""
-        shape = (num_channels(self.config.observation), 64, 64)
-        return make_actor(shape, self.training.head, self.config.hardware.limits.tolist(), self.training.grain)
+        return make_actor(self._shape, self.training.head, self.config.hardware.limits.tolist(), self.training.grain)
 
     def run(self) -> Actor:
         """All stages; the trained policy, also in `actor.pth` of the folder.

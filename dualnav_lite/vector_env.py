@@ -11,7 +11,14 @@ from gymnasium.vector import AutoresetMode
 from dualnav_lite import rewards, streams
 from dualnav_lite.canvas import THEMES
 from dualnav_lite.config import Config, UnusableInput, load_config
-from dualnav_lite.interface import action_box, checked_actions, checked_reset, observation_box, restarted_infos
+from dualnav_lite.interface import (
+    action_box,
+    checked_actions,
+    checked_reset,
+    last_observations,
+    observation_box,
+    restarted_infos,
+)
 from dualnav_lite.journal import Journal
 from dualnav_lite.perception import Percept, Perception
 from dualnav_lite.render import draw
@@ -43,6 +50,9 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
             for the library's.
         autoreset: see above.
         render_mode: None or "rgb_array"; render_theme: "light", or "dark" for a dark notebook.
+
+    Attributes:
+        observations: (n, C, 64, 64) as the last reset or step returned them; not to be written to.
 
     Raises:
         UnusableInput: a config or scenario that cannot be used.
@@ -94,7 +104,7 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
         self.trails: list[list[np.ndarray]] = [[] for _ in range(num_envs)]
         self._show_truth, self._show_map, self._autoreset = truth, full_map, autoreset
         self._seeds = streams.EpisodeSeeds(num_envs)
-        self._observations = np.zeros(self.observation_space.shape, np.float32)
+        self.observations = np.zeros(self.observation_space.shape, np.float32)
 
     def reset(self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None):
         """Start new episodes.
@@ -111,7 +121,7 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
         for i in np.flatnonzero(mask).tolist():
             self._start(i, seeds[i], preference[i])
         self._sense_first(mask)
-        return self._observations, self.present_infos()
+        return self.observations, self.present_infos()
 
     def _start(self, world: int, seed: int | None, preference: float | None) -> None:
         """Begin an episode in one world, without sensing."""
@@ -136,11 +146,11 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
     def _encode(self, mask) -> None:
         """New observations of the worlds in the mask, in an array nobody has been given yet."""
         if mask.all():
-            self._observations = self.perception.encode(self.percept, self.sim, self.preference, slice(None))
+            self.observations = self.perception.encode(self.percept, self.sim, self.preference, slice(None))
         else:
             worlds = np.flatnonzero(mask)
-            self._observations = self._observations.copy()
-            self._observations[worlds] = self.perception.encode(self.percept, self.sim, self.preference, worlds)
+            self.observations = self.observations.copy()
+            self.observations[worlds] = self.perception.encode(self.percept, self.sim, self.preference, worlds)
 
     def _merge(self, percept: Percept, mask) -> None:
         """Keep the old percept of the worlds that were not sensed."""
@@ -218,7 +228,7 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
         self._add_pages(infos, active & self.is_done, surfaces)
         if self._autoreset and self.is_done.any():
             infos = self._restart(infos)
-        return self._observations, (vector * weights).sum(axis=1), ends.terminated, ends.truncated, infos
+        return self.observations, (vector * weights).sum(axis=1), ends.terminated, ends.truncated, infos
 
     def present_infos(self) -> dict[str, Any]:
         """The infos a reset returns, of the worlds as they stand."""
@@ -264,18 +274,11 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
     def _restart(self, infos) -> dict[str, Any]:
         """Same-step autoreset: begin anew where an episode ended; its last observation and info are kept."""
         ended = self.is_done.copy()
-        final_obs = np.full(self.num_envs, None, dtype=object)
-        for i in np.flatnonzero(ended):
-            final_obs[i] = self._observations[i].copy()
+        final_obs = last_observations(self.observations, ended)
         for i in np.flatnonzero(ended).tolist():
             self._start(i, None, None)
         self._sense_first(ended)
         return restarted_infos(infos, self._infos(infos["clipped"]), final_obs, ended)
-
-    @property
-    def observations(self) -> np.ndarray:
-        """(n, C, 64, 64) as the last reset or step returned them; not to be written to."""
-        return self._observations
 
     def render(self):
         """(n,) tuple of (H, W, 3) uint8 pictures of the worlds, as drawn by `render.draw`."""

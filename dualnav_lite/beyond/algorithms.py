@@ -74,8 +74,7 @@ class SectorWorlds(gymnasium.vector.VectorEnv):
         self.metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}
         self.single_observation_space = gymnasium.spaces.Box(-1.0, 1.0, (SECTORS + len(BANDS),), np.float32)
         box = self._env.single_action_space
-        hardware = self._env.config.hardware
-        self.limits = hardware.limits
+        self.limits = self._env.config.hardware.limits
         self.single_action_space = gymnasium.spaces.Discrete(len(ACTIONS)) if discrete else box
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -148,14 +147,13 @@ def learn_by_sac(steps: int, seed: int) -> tuple[SectorWorlds, Callable]:
     from stable_baselines3 import SAC  # isort: skip
 
     env = SectorWorlds(WORLDS)
-    limits = env.limits
     model = SAC(
-        "MlpPolicy", Worlds(env, limits, np.random.default_rng(seed)), learning_rate=1e-3, buffer_size=100_000,
+        "MlpPolicy", Worlds(env, env.limits, np.random.default_rng(seed)), learning_rate=1e-3, buffer_size=100_000,
         learning_starts=2_000, batch_size=128, train_freq=1, gradient_steps=WORLDS // DQN_SETTINGS.train_every,
         seed=seed, device="cpu", policy_kwargs={"net_arch": [HIDDEN, HIDDEN]},
     )  # fmt: skip
     model.learn(steps)
-    return env, lambda seen: np.clip(model.predict(seen, deterministic=True)[0], -1.0, 1.0) * limits
+    return env, lambda seen: np.clip(model.predict(seen, deterministic=True)[0], -1.0, 1.0) * env.limits
 
 
 LEARNERS: dict[str, Callable] = {"ppo": learn_by_ppo, "dqn": learn_by_dqn, "sac": learn_by_sac}
@@ -167,7 +165,6 @@ def row_of(algorithm: str, seed: int, steps: int, pages, rows: pd.DataFrame) -> 
     early = sum(OUTCOMES[outcome] == "collision" for step, outcome in pages if 3 * step <= steps)
     n, good = len(rows), int(survived(rows).sum())
     found = rows.outcome.map(OUTCOMES)
-
     turns = rows.omega_sign_changes.astype(float) / rows.time_s
     learning = [kinds.count("collision"), early, kinds.count("survived"), len(pages)]
     rates = [n, good, good / n, *wilson_interval(good, n), (found == "collision").sum(), (found == "timeout").sum()]

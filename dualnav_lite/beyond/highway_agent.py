@@ -125,7 +125,6 @@ def judge(driver, scenario: str, preference: float, episodes: int, first: int = 
 def row_of(rows: pd.DataFrame, arm: str, steps: int | None) -> dict:
     """One row of the table from the episodes of one driver at one preference; means with 1.96 standard errors."""
     n, good = len(rows), int(survived(rows).sum())
-
     first = rows.iloc[0]
     kinds = [rows.outcome.str.startswith("hit_").sum(), (rows.outcome == "timeout").sum()]
     measured = [*mean_interval(safe_distance(rows)), *mean_interval(rows.energy_j / 1e3), rows.time_s.mean()]

@@ -17,6 +17,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from dualnav_lite import streams
+from dualnav_lite.interface import last_observations
 
 SIDE = 7  # junctions along a side
 BLOCK_M, CROOKED_M = 120.0, 35.0
@@ -246,10 +247,7 @@ class StreetsVectorEnv(gymnasium.vector.VectorEnv):
         ended = np.flatnonzero(terminated | truncated)
         observations = self.observe()
         if len(ended):
-            last = np.full(self.num_envs, None, dtype=object)
-            for i in ended:
-                last[i] = observations[i].copy()
-            infos["final_obs"] = last
+            infos["final_obs"] = last_observations(observations, terminated | truncated)
             columns = (self._from, self.goal, self._left, self.preference, *self.sums.T, terminated)
             infos["walks"] = [tuple(column[i].item() for column in columns) for i in ended]
             self._start(ended)

@@ -6,9 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from dualnav_lite.figures.sheet import COLOURS, MARKERS, SMALL, Sheet, Words
-
-Read = Callable[[str], pd.DataFrame]
+from dualnav_lite.figures.sheet import COLOURS, MARKERS, SMALL, Read, Sheet, Words
 
 
 def _bars(axes, x, middle, low, high, **style) -> None:

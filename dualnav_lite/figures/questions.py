@@ -1,19 +1,16 @@
 """Figures of what is asked of the policy: its battery band, its changed commands, settings in which it fails."""
 
 import textwrap
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from dualnav_lite.figures.sheet import QUIET, SMALL, Sheet, Words
+from dualnav_lite.figures.sheet import QUIET, SMALL, Read, Sheet, Words
 from dualnav_lite.metrics import wilson_interval
 from dualnav_lite.scenario import load_scenario
 
-Read = Callable[[str], pd.DataFrame]
 METHODS = {"none": ("#000000", "X"), "random": ("#e69f00", "s"), "evolution": ("#0072b2", "o")}
 
 

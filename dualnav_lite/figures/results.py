@@ -16,12 +16,11 @@ from dualnav_lite.config import UnusableInput, write_atomic
 from dualnav_lite.figures import FORMATS, LANGUAGES, _check, _save, questions, runs, style_of
 from dualnav_lite.figures.beyond import BEYOND
 from dualnav_lite.figures.captions import caption_lines
-from dualnav_lite.figures.sheet import COLOURS, MARKERS, QUIET, SMALL, Sheet, Words
+from dualnav_lite.figures.sheet import COLOURS, MARKERS, QUIET, SMALL, Read, Sheet, Words
 from dualnav_lite.judge import PUBLISHED, REFERENCE, bounds
 from dualnav_lite.scenario import load_scenario
 
 ARM_LOOK = {"ppo": 0, "ppo_filter": 1, "cv_sampling": 2, "orca": 3, "astar": 4, "rrtstar": 5, "ceiling": 6, "dwa": 7}
-Read = Callable[[str], pd.DataFrame]
 
 
 def look(arm: str, others: Sequence[str] = ()) -> tuple[str, str]:

@@ -1,9 +1,10 @@
 """What every figure is made of: words in two languages, places in inches, rooms, channels and the key to them."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -26,6 +27,9 @@ LEGEND_COLUMNS = 5
 # Okabe and Ito's palette: told apart with every common colour blindness; markers differ as well, for print in grey.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c8c8c")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<")
+
+
+Read = Callable[[str], pd.DataFrame]  # from a table's name to its rows
 
 
 class Words:

@@ -19,7 +19,7 @@ from dualnav_lite.env import OneWorld
 from dualnav_lite.geometry import to_robot, wrap_angle
 from dualnav_lite.highway.cars import CarTransition, car_terms, gaps, predicted_intrusion, step_energy, time_gap
 from dualnav_lite.highway.tasks import HALF, TASKS
-from dualnav_lite.interface import checked_actions, checked_reset, restarted_infos
+from dualnav_lite.interface import checked_actions, checked_reset, last_observations, restarted_infos
 from dualnav_lite.journal import Journal, outcome_of_contact
 from dualnav_lite.scenario import HIGHWAY_FOLDER, Scenario, all_scenarios, load_scenario
 from dualnav_lite.semantics import Surface
@@ -221,9 +221,8 @@ class HighwayVectorEnv(gymnasium.vector.VectorEnv):
 
     def _restart(self, infos, ended) -> dict[str, Any]:
         """Same-step autoreset, as in `DynamicNavVectorEnv`."""
-        final_obs = np.full(self.num_envs, None, dtype=object)
+        final_obs = last_observations(self._observations, ended)
         for i in np.flatnonzero(ended).tolist():
-            final_obs[i] = self._observations[i].copy()
             self._start(i, None, None)
         return restarted_infos(infos, self._infos(infos["clipped"]), final_obs, ended)
 
