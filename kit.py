@@ -42,22 +42,9 @@ ROOT = os.path.dirname(os.path.abspath(__file__))
 KERNELS = os.path.join(ROOT, "dualnav_lite", "kernels")
 OLDEST, NEWEST = (3, 11), (3, 13)
 SIMULATES = (
-    "lab",
-    "stress",
-    "merge",
-    "test",
-    "train",
-    "evaluate",
-    "record",
-    "predictor",
-    "study",
-    "beyond",
-    "measure",
-    "publish",
-    "bench",
-    "figures",
-    "grade",
-)
+    "lab", "stress", "merge", "test", "train", "evaluate", "record", "predictor", "study", "beyond", "measure",
+    "publish", "bench", "figures", "grade",
+)  # fmt: skip
 COMMANDS = SIMULATES + ("claims", "card", "notebooks", "release", "status", "submit", "doctor", "warm")
 
 

@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from dualnav_lite import __version__
@@ -67,6 +68,7 @@ ABOVE_ROWS = (
 )  # fmt: skip
 
 
+@cache
 def code_sha256() -> str:
     """One hash of every source file that rows can depend on, so that no chunk outlives the code that made it."""
     root = Path(__file__).parent

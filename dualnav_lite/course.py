@@ -9,21 +9,9 @@ from dualnav_lite.exercises import student_notebook
 
 # What a release holds beside the notebooks; sources of the notebooks, tests and grading stay with the teacher.
 KEPT = (
-    "dualnav_lite",
-    "stress_tests",
-    "training",
-    "models",
-    "data",
-    "docs",
-    "kit.py",
-    "requirements.txt",
-    "requirements-bench.txt",
-    "pyproject.toml",
-    "README.md",
-    "README.zh-CN.md",
-    "CHANGELOG.md",
-    "LICENSE",
-)
+    "dualnav_lite", "stress_tests", "training", "models", "data", "docs", "kit.py", "requirements.txt",
+    "requirements-bench.txt", "pyproject.toml", "README.md", "README.zh-CN.md", "CHANGELOG.md", "LICENSE",
+)  # fmt: skip
 LEFT_OUT = ("__pycache__", "*.nbi", "*.nbc", "results", ".ipynb_checkpoints", "config.yaml")
 PAGES = ("GLOSSARY.md",)  # of notebooks/, for students as well
 

@@ -26,7 +26,7 @@ def exercise_block(metadata, source: str, identity: str) -> dict:
     name, points = metadata.get("grade_id"), metadata.get("points")
     if "solution" in tags and not (name and IDENTIFIER.fullmatch(name)):
         raise UnusableInput(f"a cell tagged 'solution' needs a grade_id of small letters, digits and _, got '{name}'")
-    if "solution" in tags and not has_solution(source):
+    if "solution" in tags and not _spans(source):
         raise UnusableInput(f"exercise '{name}': needs '{BEGIN}' and, after it, '{END}', on lines of their own")
     if "check" in tags and not (name and name.endswith("_check") and isinstance(points, int) and points >= 0):
         raise UnusableInput(f"a cell tagged 'check' needs grade_id=\"..._check\" and points, got '{name}', {points}")
@@ -46,11 +46,6 @@ def _spans(source: str) -> list[tuple[int, int]]:
         return []
     numbers = [number for number, _ in marks]
     return list(zip(numbers[::2], numbers[1::2], strict=True))
-
-
-def has_solution(source: str) -> bool:
-    """Whether a cell holds at least one pair of solution markers."""
-    return bool(_spans(source))
 
 
 def stub(source: str, exercise: str) -> str:

@@ -27,24 +27,12 @@ from dualnav_lite.survival import read_episodes
 
 MAIN = ("ppo", "ppo_filter", "cv_sampling")  # and the best baseline
 REST = (
-    "ceiling",
-    "stand_still",
-    "straight",
-    "crawl",
-    "wait_then_straight",
-    "drive_wait_straight@share=0.2+wait_s=4",
-    "astar",
-    "rrtstar",
-    "dwa",
-    "orca",
-)
+    "ceiling", "stand_still", "straight", "crawl", "wait_then_straight", "drive_wait_straight@share=0.2+wait_s=4",
+    "astar", "rrtstar", "dwa", "orca",
+)  # fmt: skip
 LONG_REST = (
-    "ceiling@max_speed=0.4+calm=0.05",
-    "astar@max_speed=0.5",
-    "cv_sampling@max_speed=0.5",
-    "stand_still",
-    "straight",
-)
+    "ceiling@max_speed=0.4+calm=0.05", "astar@max_speed=0.5", "cv_sampling@max_speed=0.5", "stand_still", "straight",
+)  # fmt: skip
 COUNTS = {"main": 1000, "rest": 200, "long_ppo": 100, "long_filter": 20, "long_rest": 3}
 MADE_OF = ("dualnav_lite", "models", "stress_tests/scenarios")
 EXTRA = ("navigation",)  # belongs to no case, and what the others are variations of

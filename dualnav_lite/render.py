@@ -20,6 +20,7 @@ from dualnav_lite.canvas import (
     theme_of,
 )
 from dualnav_lite.encoder import BAND_EDGES, BANDS, CHANNELS, INTENSITY, read_bands
+from dualnav_lite.episodes import OUTCOMES
 from dualnav_lite.floorplan import COLOUR_OF_KIND, WALL_M, FloorPlan
 from dualnav_lite.pedestrians import CROSSING, FORKLIFT, PEDESTRIAN, POP_UP, PUSHABLE, UNAWARE
 from dualnav_lite.semantics import Surface
@@ -34,7 +35,6 @@ PANEL_STEP = (180, 197)  # to the next column and row
 RIGHT = 948  # where the last column of text ends
 MAP_OF_CHANNEL = dict(zip(CHANNELS, ("static", "signed", "signed", "intensity"), strict=True))
 TITLES = {"static": "static map", "motion": "motion", "ego": "own state", "intensity": "intensity"}
-COLOUR_OF_OUTCOME = {"goal": GREEN, "survived": GREEN}  # any other is a failure
 LOW_CHARGE = 0.15
 
 
@@ -121,7 +121,8 @@ def _paint_banner(canvas: Canvas, env, world: int, colours: Theme) -> None:
     """How a finished episode ended, or that no goal is open, over the room."""
     if env.is_done[world]:
         outcome = env.task.outcomes[world]
-        text, colour = outcome.replace("_", " "), COLOUR_OF_OUTCOME.get(outcome, VERMILLION)
+        text = outcome.replace("_", " ")
+        colour = GREEN if OUTCOMES.get(outcome) == "survived" else VERMILLION
     elif env.task.idle[world]:
         text, colour = "no open goal", colours.quiet
     else:

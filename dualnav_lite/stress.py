@@ -255,15 +255,9 @@ def draw_chinese(out: Path) -> None:
     from dualnav_lite.figures.results import make_result_figures
 
     try:
-        make_result_figures(out, "zh", ("svg",), [name for name in ("survival", "runs") if table_has_rows(out, name)])
+        make_result_figures(out, "zh", ("svg",), ("survival", "runs"))
     except UnusableInput as error:
         print(f"figures of the Chinese report are in English: {error}", file=sys.stderr, flush=True)
-
-
-def table_has_rows(out: Path, figure: str) -> bool:
-    """Whether a figure's table holds anything to draw."""
-    table = {"runs": "pareto_episodes"}.get(figure, figure)
-    return len(pd.read_csv(out / f"{table}.csv", encoding="utf-8")) > 0
 
 
 def merge_shards(folders: Sequence[Path], plan: Plan) -> tuple[dict[str, pd.DataFrame], list[tuple[str, str]]]:

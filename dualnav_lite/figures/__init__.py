@@ -19,14 +19,8 @@ __all__ = ["CHINESE_FONTS", "FORMATS", "LANGUAGES", "all_figures", "make_figures
 LANGUAGES = ("en", "zh")
 FORMATS = ("png", "svg", "pdf")
 CHINESE_FONTS = (
-    "Noto Sans CJK SC",
-    "Noto Sans SC",
-    "Source Han Sans SC",
-    "Microsoft YaHei",
-    "SimHei",
-    "PingFang SC",
-    "Heiti SC",
-)
+    "Noto Sans CJK SC", "Noto Sans SC", "Source Han Sans SC", "Microsoft YaHei", "SimHei", "PingFang SC", "Heiti SC",
+)  # fmt: skip
 STYLE: dict[Any, Any] = {
     "font.size": 14.5,
     "axes.titlesize": 14.5,

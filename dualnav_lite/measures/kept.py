@@ -18,19 +18,9 @@ from dualnav_lite.workers import pool
 
 
 @cache
-def _code() -> str:
-    return code_sha256()
-
-
-@cache
 def fingerprint(arm: str) -> str:
     """SHA-256 of an arm's weights; empty for planners."""
     return getattr(library_arm(arm, Config()), "fingerprint", "")
-
-
-def read_table(path: Path) -> pd.DataFrame:
-    """A CSV; floats come back to the last bit."""
-    return pd.read_csv(path, encoding="utf-8")
 
 
 def kept(
@@ -38,7 +28,7 @@ def kept(
     label: str,
     made_of: Any,
     make: Callable[[], pd.DataFrame],
-    read: Callable[[Path], pd.DataFrame] = read_table,
+    read: Callable[[Path], pd.DataFrame] = pd.read_csv,
 ) -> pd.DataFrame:
     """The table that `make` gives, from `folder` where an earlier run with the same code and settings wrote it.
 
@@ -47,7 +37,7 @@ def kept(
         made_of: whatever the table depends on besides the code, as JSON can hold it.
         read: how the file is read back; what is fresh is read back as well, so that both are the same.
     """
-    stem = re.sub(r"[^\w.-]", "_", f"{label}.{sha256(json.dumps([made_of, _code()]))[:12]}")
+    stem = re.sub(r"[^\w.-]", "_", f"{label}.{sha256(json.dumps([made_of, code_sha256()]))[:12]}")
     path = Path(folder) / f"{stem}.csv"
     if not path.exists():
         write_atomic(path, make().to_csv(index=False, lineterminator="\n"))
