@@ -152,6 +152,7 @@ def furnish(rng, room: StaticRoom, settings: Room, lanes) -> StaticRoom:
 
 
 def distance_to_line(x, y, x0, y0, x1, y1) -> float:
+    """Distance of the point (x, y) from the line between two others [m]."""
     ex, ey = x1 - x0, y1 - y0
     share = min(max(((x - x0) * ex + (y - y0) * ey) / max(ex * ex + ey * ey, 1e-12), 0.0), 1.0)
     return math.hypot(x - x0 - share * ex, y - y0 - share * ey)
@@ -167,4 +168,5 @@ def free_point(rng, room: StaticRoom, clearance: float):
 
 
 def line_is_free(room: StaticRoom, begin, end, keep: float) -> bool:
+    """Whether the line between two points keeps `keep` [m] from every solid."""
     return line_clearance(*begin, *end, room.boxes, room.width, room.height) >= keep
