@@ -156,7 +156,7 @@ check("update", update)
 # ## 4. Watch it learn
 #
 # A point on a line, pushed left or right; the reward is $-x^2$, and after 25 steps the clock cuts the episode off. The
-# loop at the end of the next cell is all of PPO: collect (`collect.py`), estimate, update.
+# loop at the end of the next cell is all of PPO: collect (`ppo_loop.py`), estimate, update.
 
 # %%
 class Line:

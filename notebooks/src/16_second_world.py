@@ -9,7 +9,7 @@
 #
 # Whoever writes the world *and* the learner may have fitted one to the other without noticing. The cure is a world made by
 # others: [highway-env](https://highway-env.farama.org) holds a parking place and a road. Nothing in `ppo.py`,
-# `collect.py`, `rollout.py`, `policy.py` and `trunks.py` is changed for it. What has to be written is what this lesson is
+# `ppo_loop.py`, `rollout.py`, `policy.py` and `trunks.py` is changed for it. What has to be written is what this lesson is
 # about: **observation and reward of a car, in the words of the robot**.
 
 # %% tags=["parameters"]
