@@ -110,25 +110,30 @@ def put_together(work: Path, to: Path, chosen, plans, prints: dict[str, str], he
     made: dict = {
         "kit_version": __version__,
         "config_sha256": sha256(dump_config(Config())),
-        "policy_sha256": prints,
+        "policy_sha256": {},
         "blocks": {},
         "config": Config().model_dump(mode="json"),
     }
     earlier, parts = made_from(to), []
-    is_same = all(earlier.get(key) == made[key] for key in ("config_sha256", "policy_sha256"))
+    is_same = earlier.get("config_sha256") == made["config_sha256"]
     for name, plan in plans.items():
+        arms, scenarios, count = chosen[name]
         if all(chunk.is_done() for chunk in plan):
-            made["blocks"][name] = here
+            made["blocks"][name] = here | {"policy_sha256": {arm: prints[arm] for arm in arms}}
             parts += plan
-        elif is_same and name in earlier["blocks"] and (kept := earlier_block(to, chosen[name], work / f"{name}.csv")):
-            made["blocks"][name] = earlier["blocks"][name]
-            parts.append(kept)
+        elif is_same and (block := earlier["blocks"].get(name)):
+            weights = block["policy_sha256"]  # of an arm that cannot drive here as well
+            kept = earlier_rows(to, list(weights), scenarios, count, work / f"{name}.csv")
+            if kept and all(prints.get(arm, sha) == sha for arm, sha in weights.items()) and set(arms) <= set(weights):
+                made["blocks"][name] = block
+                parts.append(kept)
+    for block in made["blocks"].values():
+        made["policy_sha256"] |= block["policy_sha256"]
     return parts, made
 
 
-def earlier_block(to: Path, block, path: Path) -> Chunk | None:
+def earlier_rows(to: Path, arms: Sequence[str], scenarios: Sequence[str], count: int, path: Path) -> Chunk | None:
     """The rows of a block that lie in `to`, laid at `path`; None where any of them is missing there."""
-    arms, scenarios, count = block
     rows = pd.read_csv(to / ROWS, dtype=str, keep_default_na=False, encoding="utf-8")
     rows = rows[rows.arm.isin(arms) & rows.scenario.isin(scenarios)]
     seeds = [str(seed) for seed in published_seeds(count)]
