@@ -53,7 +53,8 @@ class CommandReader:
         """The mean command of the 3 x 3 points around the highest vote, weighted by the votes."""
         n, rows, columns = votes.shape
         row, column = np.divmod(votes.reshape(n, -1).argmax(axis=1), columns)
-        padded = np.pad(votes, ((0, 0), (1, 1), (1, 1)))
+        padded = np.zeros((n, rows + 2, columns + 2))
+        padded[:, 1:-1, 1:-1] = votes
         step = np.arange(3)
         at_rows, at_columns = row[:, None, None] + step[:, None], column[:, None, None] + step
         near = padded[np.arange(n)[:, None, None], at_rows, at_columns]

@@ -166,7 +166,7 @@ def evaluate(
     jobs: int = 1,
     shard: tuple[int, int] = (1, 1),
     cluster: str = "",
-    num_envs: int = 8,
+    num_envs: int = 25,
     progress: bool = True,
     make_planner=library_arm,
     make_env=library_env,

@@ -95,16 +95,19 @@ def restarted_infos(ended: dict[str, Any], fresh: dict[str, Any], final_obs, mas
 
 def split_infos(infos: dict[str, Any], num_envs: int) -> list[dict[str, Any]]:
     """One info dictionary a world, from a dictionary of arrays; keys with a mask go to the worlds in it only."""
-
-    def row(values, i):
-        if isinstance(values, dict):
-            return {key: row(value, i) for key, value in values.items() if not key.startswith("_")}
-        value = values[i]
-        return value.item() if isinstance(value, np.generic) else value
-
-    names = [key for key in infos if not key.startswith("_")]
-    split = []
-    for i in range(num_envs):
-        present = [key for key in names if f"_{key}" not in infos or infos[f"_{key}"][i]]
-        split.append({key: row(infos[key], i) for key in present})
+    split: list[dict[str, Any]] = [{} for _ in range(num_envs)]
+    for key, values in infos.items():
+        if not key.startswith("_"):
+            mask = infos.get(f"_{key}")
+            for i, value in enumerate(_rows(values, num_envs)):
+                if mask is None or mask[i]:
+                    split[i][key] = value
     return split
+
+
+def _rows(values, num_envs: int) -> list:
+    """What stands for each world: Python's numbers, arrays, or a dictionary of those."""
+    if not isinstance(values, dict):
+        return values.tolist() if values.ndim == 1 else list(values)
+    parts = {key: _rows(part, num_envs) for key, part in values.items() if not key.startswith("_")}
+    return [{key: part[i] for key, part in parts.items()} for i in range(num_envs)]
