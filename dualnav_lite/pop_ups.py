@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from dualnav_lite.kernels.clearance import line_clearance, point_clearance
-from dualnav_lite.kernels.geodesic import geodesic
 from dualnav_lite.scenario import PopUp
 
 # The place ahead is nearer to the goal by this share of its distance: a robot that is still turning has no way yet.
@@ -43,61 +43,75 @@ class PopUpPlan:
         Returns:
             (begin (2,), stop (2,)) of the box's centre, world frame, or None.
         """
-        s = self.settings
-        ahead = np.array([np.cos(pose[2]), np.sin(pose[2])])
-        left = np.array([-ahead[1], ahead[0]])
-        for side, aside, offset in zip(self.sides, self.side_m, self.stop_m, strict=True):
+        s, px, py = self.settings, float(pose[0]), float(pose[1])
+        ahead_x, ahead_y = float(np.cos(pose[2])), float(np.sin(pose[2]))
+        left_x, left_y, reach = -ahead_y, ahead_x, half * np.sqrt(2.0)
+        way_here = goal_field[room.cell(pose)]
+        for side, aside, offset in zip(self.sides.tolist(), self.side_m.tolist(), self.stop_m.tolist(), strict=True):
+            front = px + s.ahead_m * ahead_x + offset * left_x, py + s.ahead_m * ahead_y + offset * left_y
             if s.placement == "head_on":
-                begin = pose[:2] + s.ahead_m * ahead + offset * left
-                stop = begin - s.ahead_m * ahead
-                blocked = begin
+                begin = blocked = front
+                stop = front[0] - s.ahead_m * ahead_x, front[1] - s.ahead_m * ahead_y
             else:
-                stop = pose[:2] + s.ahead_m * ahead + offset * left
-                begin = stop + side * aside * left
-                blocked = stop
+                begin = front[0] + side * aside * left_x, front[1] + side * aside * left_y
+                stop = blocked = front
             inside = 0.0 < blocked[0] < room.width and 0.0 < blocked[1] < room.height
-            if not inside or np.hypot(*(blocked - goal)) < s.goal_gap_m:
+            if not inside or np.hypot(blocked[0] - goal[0], blocked[1] - goal[1]) < s.goal_gap_m:
                 continue
-            if goal_field[room.cell(pose)] - goal_field[room.cell(blocked)] < ON_THE_WAY * s.ahead_m:
+            if way_here - goal_field[room.cell(blocked)] < ON_THE_WAY * s.ahead_m:
                 continue
-            reach = half * np.sqrt(2.0)
             if line_clearance(*begin, *stop, room.boxes, room.width, room.height) < reach:
                 continue
             if any(_near_line(x, y, begin, stop) < radius + reach + gap for x, y, radius, gap in others):
                 continue
-            hidden = line_clearance(*pose[:2], *begin, room.boxes, room.width, room.height) < 0.02
-            if s.placement == "cover" and not hidden:
+            in_view = line_clearance(px, py, *begin, room.boxes, room.width, room.height) >= 0.02
+            if s.placement == "cover" and in_view:
                 continue
-            if self._leaves_passage(blocked, left, half, room) and _goal_stays_reachable(
+            if self._leaves_passage(blocked, (left_x, left_y), half, room) and _goal_stays_reachable(
                 pose, blocked, reach, room, goal
             ):
-                return begin, stop
+                return np.array(begin), np.array(stop)
         return None
 
     def _leaves_passage(self, blocked, left, half: float, room) -> bool:
         """At least one side of the box keeps a passage of the set width."""
         width = self.settings.passage_m
         for side in (-1.0, 1.0):
-            middle = blocked + side * (half + 0.5 * width) * left
-            if point_clearance(*middle, room.boxes, room.width, room.height) >= 0.5 * width:
+            x, y = (blocked[k] + side * (half + 0.5 * width) * left[k] for k in range(2))
+            if point_clearance(x, y, room.boxes, room.width, room.height) >= 0.5 * width:
                 return True
         return False
 
 
 def _near_line(x, y, begin, end) -> float:
     """Distance of a point from the line begin-end [m]."""
-    along = end - begin
+    begin = np.asarray(begin)
+    along = np.asarray(end) - begin
     share = np.clip(np.dot([x - begin[0], y - begin[1]], along) / max(np.dot(along, along), 1e-12), 0.0, 1.0)
     return float(np.hypot(x - begin[0] - share * along[0], y - begin[1] - share * along[1]))
 
 
 def _goal_stays_reachable(pose, blocked, reach: float, room, goal) -> bool:
     """A way round the box to the goal exists that a hull of 0.30 m radius fits through."""
+    solid = room.clearance < 0.30
+    window, distance = _around(pose, FIRES_BEFORE_M, room)
+    solid[window] &= distance > FIRES_BEFORE_M
+    window, distance = _around(blocked, reach + 0.30, room)
+    solid[window] |= distance < reach + 0.30
+    here, there = room.cell(pose), room.cell(goal)
+    solid[there] = False
+    areas = cv2.connectedComponents((~solid).astype(np.uint8), connectivity=4)[1]
+    return bool(areas[here] == areas[there])
+
+
+def _around(point, radius: float, room):
+    """The part of a room's grid that holds a disc, as slices, and how far its cells are from the middle [m]."""
     rows, columns = room.clearance.shape
     resolution = room.width / columns
-    y = (np.arange(rows)[:, None] + 0.5) * resolution
-    x = (np.arange(columns)[None, :] + 0.5) * resolution
-    solid = (room.clearance < 0.30) & (np.hypot(x - pose[0], y - pose[1]) > FIRES_BEFORE_M)
-    solid |= np.hypot(x - blocked[0], y - blocked[1]) < reach + 0.30
-    field_cells = geodesic(np.where(solid, np.inf, 1.0), *room.cell(goal))
-    return bool(np.isfinite(field_cells[room.cell(pose)]))
+    (x0, x1), (y0, y1) = (
+        (max(int((middle - radius) / resolution) - 1, 0), min(int((middle + radius) / resolution) + 2, count))
+        for middle, count in ((point[0], columns), (point[1], rows))
+    )
+    y = (np.arange(y0, y1)[:, None] + 0.5) * resolution
+    x = (np.arange(x0, x1)[None, :] + 0.5) * resolution
+    return (slice(y0, y1), slice(x0, x1)), np.hypot(x - point[0], y - point[1])
