@@ -203,7 +203,8 @@ def evaluate(
     index, count = shard
     if not 1 <= index <= count:
         raise UnusableInput(f"shard must be k/n with 1 <= k <= n, got {index}/{count}")
-    if not len(seeds) or len(set(seeds)) != len(seeds):
+    seeds = [int(seed) for seed in seeds]  # numpy's as well
+    if not seeds or len(set(seeds)) != len(seeds):
         raise UnusableInput(f"seeds must be distinct and at least one, got {len(seeds)} ({len(set(seeds))} distinct)")
     names = [arm_name(arm) for arm in dict.fromkeys(arms)]
     if len(set(names)) < len(names):
