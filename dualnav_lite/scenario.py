@@ -4,7 +4,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, NonNegativeInt, model_validator
+from pydantic import AfterValidator, Field, FiniteFloat, NonNegativeInt, model_validator
 
 from dualnav_lite.config import ROOT, Config, Frozen, NonNegative, Positive, Share, UnusableInput, read_yaml, validated
 
@@ -17,8 +17,8 @@ STRESS_SCENARIOS = ("pop_up", "crowd_crossing", "low_light", "battery", "comms_d
 class Range(Frozen):
     """A closed interval to draw from, uniformly."""
 
-    low: float
-    high: float
+    low: FiniteFloat
+    high: FiniteFloat
 
     @model_validator(mode="after")
     def _ordered(self):
@@ -27,15 +27,37 @@ class Range(Frozen):
         return self
 
 
+def _within(low: float, high: float) -> AfterValidator:
+    """Refuses a `Range` that leaves [low, high]."""
+
+    def checked(value: Range) -> Range:
+        if value.low < low or value.high > high:
+            raise ValueError(f"must lie between {low:g} and {high:g}, got {value.low:g} to {value.high:g}")
+        return value
+
+    return AfterValidator(checked)
+
+
+Sides = Annotated[Range, _within(3, 12)]  # [m]; the fields of a world hold no larger room
+Lengths = Annotated[Range, _within(0, 100)]  # [m]
+Radii = Annotated[Range, _within(0.02, 1)]  # [m]
+Speeds = Annotated[Range, _within(0.01, 5)]  # [m/s]
+Times = Annotated[Range, _within(0, 600)]  # [s]
+Shares = Annotated[Range, _within(0, 1)]
+Few = Annotated[Range, _within(0, 12)]  # of what moves: a world holds 12 movers
+Boxes = Annotated[Range, _within(1, 6)]
+Pieces = Annotated[Range, _within(0, 30)]  # of furniture: a world holds 160 sides
+
+
 class Room(Frozen):
     """Walls, furniture and the journey through them."""
 
-    size_m: Range = Range(low=8, high=12)
+    size_m: Sides = Range(low=8, high=12)
     walled_share: Share = 0.08  # share of rooms cut in two by a wall with one door; SPEC 8: at most 10 %
-    door_width_m: Range = Range(low=0.95, high=1.15)
-    furniture: Range = Range(low=5, high=11)
-    pushable_boxes: Range = Range(low=0, high=2)
-    goal_distance_m: Range = Range(low=4, high=8)  # as the crow flies
+    door_width_m: Lengths = Range(low=0.95, high=1.15)
+    furniture: Pieces = Range(low=5, high=11)
+    pushable_boxes: Few = Range(low=0, high=2)
+    goal_distance_m: Lengths = Range(low=4, high=8)  # as the crow flies
     heading_error_rad: NonNegative = 3.1416  # starting heading, off the goal's direction by at most this
     hall: bool = False  # furniture stays clear of the journey
 
@@ -43,9 +65,9 @@ class Room(Frozen):
 class People(Frozen):
     """Pedestrians between waypoints; they avoid the robot by social force."""
 
-    count: Range = Range(low=0, high=3)
-    speed_m_s: Range = Range(low=0.4, high=1.0)
-    radius_m: Range = Range(low=0.25, high=0.30)
+    count: Few = Range(low=0, high=3)
+    speed_m_s: Speeds = Range(low=0.4, high=1.0)
+    radius_m: Radii = Range(low=0.25, high=0.30)
     unaware_share: Share = 0.0  # share of them who walk on whatever is in their way; only to train the predictor
     forklift_share: Share = 0.10  # share of rooms with a forklift-sized mover on a fixed lane
 
@@ -53,15 +75,15 @@ class People(Frozen):
 class PopUp(Frozen):
     """Boxes that slide into the robot's way when its odometer passes a drawn value, at any speed."""
 
-    count: Range = Range(low=1, high=3)
+    count: Boxes = Range(low=1, high=3)
     placement: Literal["beside", "cover", "head_on"] = "beside"
     ahead_m: Positive = 2.0
-    side_m: Range = Range(low=0.7, high=1.0)
+    side_m: Lengths = Range(low=0.7, high=1.0)
     speed_m_s: Positive = 1.5
     stop_within_m: NonNegative = 0.15  # of the robot's line
-    half_size_m: Range = Range(low=0.15, high=0.25)
-    first_trigger_m: Range = Range(low=0.4, high=1.6)
-    next_trigger_m: Range = Range(low=1.4, high=2.2)
+    half_size_m: Radii = Range(low=0.15, high=0.25)
+    first_trigger_m: Lengths = Range(low=0.4, high=1.6)
+    next_trigger_m: Lengths = Range(low=1.4, high=2.2)
     passage_m: Positive = 0.85
     goal_gap_m: NonNegative = 0.9
     box_gap_m: NonNegative = 1.3
@@ -70,33 +92,33 @@ class PopUp(Frozen):
 class Crowd(Frozen):
     """A group that waits at its entrance and crosses the robot's journey to meet it."""
 
-    count: NonNegativeInt = 5
+    count: Annotated[int, Field(ge=1, le=12)] = 5
     reactive: bool = False
     speed_m_s: Positive = 0.8
-    radius_m: Range = Range(low=0.25, high=0.30)
-    gap_m: Range = Range(low=0.2, high=0.5)  # between surfaces
-    line_share: Range = Range(low=0.3, high=0.7)  # where on the journey the crossing line lies
-    lead_s: Range = Range(low=1.5, high=5.5)  # the group starts when the robot is this short of the line
+    radius_m: Radii = Range(low=0.25, high=0.30)
+    gap_m: Lengths = Range(low=0.2, high=0.5)  # between surfaces
+    line_share: Shares = Range(low=0.3, high=0.7)  # where on the journey the crossing line lies
+    lead_s: Times = Range(low=1.5, high=5.5)  # the group starts when the robot is this short of the line
     aim_error_s: NonNegative = 0.6
     wall_gap_m: Positive = 1.4
     clear_line_m: NonNegative = 0.8  # the last of the group has crossed the line by this much before it stops
-    pause_s: Range = Range(low=0, high=4)
+    pause_s: Times = Range(low=0, high=4)
 
 
 class Sensing(Frozen):
     """Light and what it does to the lidar."""
 
     ambient_lux: Positive = 300.0
-    phantoms: NonNegativeInt = 0
-    phantom_life_s: Range = Range(low=0.5, high=2.5)
-    phantom_ahead_m: Range = Range(low=0.7, high=2.5)
-    phantom_radius_m: Range = Range(low=0.10, high=0.25)
+    phantoms: Annotated[int, Field(ge=0, le=8)] = 0
+    phantom_life_s: Times = Range(low=0.5, high=2.5)
+    phantom_ahead_m: Lengths = Range(low=0.7, high=2.5)
+    phantom_radius_m: Radii = Range(low=0.10, high=0.25)
 
 
 class Link(Frozen):
     """Radio between the robot and the off-board mapper."""
 
-    delay_s: NonNegative = 0.0
+    delay_s: Annotated[float, Field(ge=0, le=60)] = 0.0
     loss: Annotated[float, Field(ge=0, lt=1)] = 0.0
     burst_mean_s: NonNegative = 0.0  # 0: every message is lost or not by itself
 
@@ -145,7 +167,7 @@ class Scenario(Frozen):
     dispatcher: Dispatcher | None = None
     cars: Cars | None = None
     fleet: Fleet | None = None
-    start_charge: Range = Range(low=0.15, high=1.0)
+    start_charge: Shares = Range(low=0.15, high=1.0)
     goal_radius_m: Positive = 0.4
     time_limit_paths: Positive = 2.0  # time limit = this x shortest path / 0.8 m/s + time_limit_extra_s
     time_limit_extra_s: NonNegative = 15.0
@@ -166,6 +188,8 @@ def read_scenarios(path: str | Path) -> dict[str, Scenario]:
     if not isinstance(values, dict):
         raise UnusableInput(f"{path}: a scenario file holds keys and values, got {type(values).__name__}")
     variants = values.pop("variants", {}) or {}
+    if not isinstance(variants, dict) or not all(isinstance(one, dict) for one in variants.values()):
+        raise UnusableInput(f"{path}: variants holds a name and the changed keys of each")
     found = {}
     for name, changes in {"": {}, **variants}.items():
         merged = _merged(values, changes)

@@ -225,7 +225,10 @@ def run_stress(plan: Plan) -> tuple[dict[str, pd.DataFrame], list[tuple[str, str
     Raises:
         UnusableInput: an arm nobody knows, no case came to its end, or the folder refuses.
     """
-    plan.out.mkdir(parents=True, exist_ok=True)
+    try:
+        plan.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UnusableInput(f"{plan.out}: cannot be written: {error.strerror}") from None
     plan, failed = without_broken(plan)
     failed += run_cases(plan)
     if shard_of(plan.shard)[1] > 1:

@@ -49,11 +49,22 @@ def test_a_variant_changes_only_what_it_names():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("id: bad\ntitle: t\ntitle_zh: t\nroom: {furnitures: 3}\n", ["room.furnitures", "furniture"]),
         ("id: bad\ntitle: t\ntitle_zh: t\nroom: {size_m: {low: 9, high: 8}}\n", ["room.size_m", "below low"]),
         ("id: other\ntitle: t\ntitle_zh: t\n", ["file's name 'bad'", "other"]),
         ("- 1\n", ["keys and values"]),
         ("id: bad\ntitle: t\ntitle_zh: t\nvariants: {x: {link: {los: 1}}}\n", ["variant x", "link.los"]),
+        (
+            "id: bad\ntitle: t\ntitle_zh: t\nroom: {furniture: {low: 0, high: 500}}\n",
+            ["room.furniture", "between 0 and 30"],
+        ),
+        (
+            "id: bad\ntitle: t\ntitle_zh: t\npeople: {count: {low: 40, high: 40}}\n",
+            ["people.count", "between 0 and 12"],
+        ),
+        (
+            "id: bad\ntitle: t\ntitle_zh: t\npeople: {radius_m: {low: -1, high: 0.3}}\n",
+            ["people.radius_m", "between 0.02 and 1"],
+        ),
     ],
 )
 def test_wrong_scenario_files_are_refused_in_one_line(tmp_path, text, words):
@@ -64,6 +75,25 @@ def test_wrong_scenario_files_are_refused_in_one_line(tmp_path, text, words):
     assert "\n" not in str(caught.value)
     for word in words:
         assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("room: {furnitures: 3}", ["room.furnitures", "furniture"]),
+        ("room: {size_m: {low: 8, high: 13}}", ["room.size_m", "between 3 and 12"]),
+        ("pop_up: {count: {low: 0, high: 2}}", ["pop_up.count", "between 1 and 6"]),
+        ("crowd: {count: 0}", ["crowd.count", "1"]),
+        ("link: {delay_s: 1.0e6}", ["link.delay_s", "60"]),
+        ("sensing: {phantoms: 500}", ["sensing.phantoms", "8"]),
+        ("start_charge: {low: 0.5, high: 5}", ["start_charge", "between 0 and 1"]),
+        ("people: {speed_m_s: {low: .nan, high: 1}}", ["people.speed_m_s", "finite"]),
+        ("variants: 3", ["variants", "changed keys"]),
+        ("variants: {x: 3}", ["variants", "changed keys"]),
+    ],
+)
+def test_what_no_world_can_hold_is_refused_in_one_line(tmp_path, text, words):
+    test_wrong_scenario_files_are_refused_in_one_line(tmp_path, f"id: bad\ntitle: t\ntitle_zh: t\n{text}\n", words)
 
 
 def test_a_missing_scenario_is_answered_with_the_known_ones():

@@ -26,7 +26,7 @@ def evaluate(
     from dualnav_lite.config import write_atomic
     from dualnav_lite.evaluate import evaluate as run
     from dualnav_lite.report import survival_lines
-    from dualnav_lite.stress import shard_of
+    from dualnav_lite.stress import error_rows, shard_of
     from dualnav_lite.survival import survival
 
     rows = run(
@@ -43,7 +43,10 @@ def evaluate(
     table = survival(rows)
     write_atomic(out / "survival.csv", table.to_csv(index=False, lineterminator="\n"))
     print("\n".join(survival_lines(table)))
-    return 0
+    failed = error_rows(rows)
+    for what, reason in failed:
+        print(f"FAILED {what}: {reason}", file=sys.stderr)
+    return 1 if failed else 0
 
 
 @app.command()
