@@ -11,6 +11,7 @@ import sys
 import time
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -244,6 +245,7 @@ def test_evaluate_says_which_episodes_raised_and_ends_with_1(tmp_path, capsys):
     assert "FAILED full, stand_still: 1 episodes raised; the first: ValueError: a world holds at most 12" in (
         capsys.readouterr().err
     )
+    assert len(pd.read_csv(tmp_path / "results" / "survival.csv").config_sha256[0]) == 64
 
 
 def test_every_command_explains_itself(capsys):

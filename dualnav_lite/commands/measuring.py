@@ -1,5 +1,6 @@
 """What is measured: rows of episodes, tables made for the claims, speed, and the figures of all of it."""
 
+import json
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -40,7 +41,8 @@ def evaluate(
         shard=shard_of(shard),
         cluster=cluster,
     )
-    table = survival(rows)
+    made = json.loads((out / "run.json").read_text(encoding="utf-8"))
+    table = survival(rows, policy_sha256=made["policy_sha256"], config_sha256=made["config_sha256"])
     write_atomic(out / "survival.csv", table.to_csv(index=False, lineterminator="\n"))
     print("\n".join(survival_lines(table)))
     failed = error_rows(rows)
