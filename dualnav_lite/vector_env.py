@@ -79,6 +79,8 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
                 f"simulator '{self.config.simulator}' has an environment of its own (dualnav_lite.highway), "
                 "this one is 'pymunk'"
             )
+        if not isinstance(num_envs, int | np.integer) or num_envs < 1:
+            raise UnusableInput(f"num_envs must be a whole number of at least 1, got {num_envs!r}")
         if render_mode not in (None, "rgb_array"):
             raise UnusableInput(f"render_mode '{render_mode}' is unknown; known: None, 'rgb_array'")
         if render_theme not in THEMES:
@@ -284,4 +286,6 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
         """(n,) tuple of (H, W, 3) uint8 pictures of the worlds, as drawn by `render.draw`."""
         if self.render_mode != "rgb_array":
             raise gymnasium.error.Error("render() needs render_mode='rgb_array'")
+        if self.percept is None:
+            raise gymnasium.error.ResetNeeded("call reset() before render()")
         return tuple(draw(self, i, self._theme) for i in range(self.num_envs))

@@ -306,6 +306,11 @@ def test_steps_before_reset_and_after_the_end_raise():
 def test_wrong_settings_are_refused_in_one_line():
     with pytest.raises(UnusableInput, match=r"unknown scenario 'fog'.*navigation"):
         DynamicNavEnv(scenario="fog")
+    with pytest.raises(gymnasium.error.ResetNeeded, match="before render"):
+        DynamicNavEnv(render_mode="rgb_array").render()
+    for number in (0, -1, 1.5, "3"):
+        with pytest.raises(UnusableInput, match="num_envs must be a whole number of at least 1"):
+            DynamicNavVectorEnv(number)
     with pytest.raises(UnusableInput, match="render_mode 'human'"):
         DynamicNavEnv(render_mode="human")
     with pytest.raises(UnusableInput, match="simulator 'highway'"):

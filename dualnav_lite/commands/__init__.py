@@ -13,7 +13,7 @@ app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_mar
 TEST_SEED = SEEDS["test"].start
 CORES = os.cpu_count() or 1
 
-Seeds = Annotated[int, typer.Option(min=0, help="First seed; 2000000 upward are the published test seeds.")]
+Seeds = Annotated[int, typer.Option(min=0, max=2**62, help="First seed; 2000000 upward are the published test seeds.")]
 Episodes = Annotated[int, typer.Option(min=1, help="Seeds of each scenario.")]
 Jobs = Annotated[int, typer.Option(min=1, help="Worker processes.")]
 Shard = Annotated[str, typer.Option(help="k/n: run every n-th chunk from the k-th.")]
