@@ -101,7 +101,8 @@ def publish(
     tables = judge(rows, rows[:0], {"measured": origin})
     for name in (one for one in TABLES if one != "pareto_episodes"):  # megabytes; `claims` makes it from the rows
         write_atomic(to / f"{name}.csv", csv_text(tables[name]))
-    write_report(to, tables, command, [], ("md",))
+    commands = dict.fromkeys(block["command"] for block in made["blocks"].values())
+    write_report(to, tables, "; ".join(commands), [], ("md",))
     return rows
 
 
