@@ -64,9 +64,8 @@ class PopUpPlan:
                 continue
             if any(_near_line(x, y, begin, stop) < radius + reach + gap for x, y, radius, gap in others):
                 continue
-            in_view = line_clearance(px, py, *begin, room.boxes, room.width, room.height) >= 0.02
-            if s.placement == "cover" and in_view:
-                continue
+            if s.placement == "cover" and line_clearance(px, py, *begin, room.boxes, room.width, room.height) >= 0.02:
+                continue  # in view
             if self._leaves_passage(blocked, (left_x, left_y), half, room) and _goal_stays_reachable(
                 pose, blocked, reach, room, goal
             ):
