@@ -173,7 +173,8 @@ def _with_pop_ups(rng, layout: Layout, scenario: Scenario) -> Layout | None:
             break
         heading = np.arctan2(*(path[k + 4] - path[k])[::-1])
         pose = np.array([*path[k], heading])
-        chances += plans[0].place(pose, half, layout.room, layout.goals[0], layout.goal_field, []) is not None
+        found = plans[0].place(pose, half, layout.room, layout.goals[0], layout.goal_field, [], must_hide=True)
+        chances += found is not None
         if chances >= POP_UP_CHANCES[settings.placement]:
             return replace(layout, pop_ups=tuple(plans), movers=layout.movers + tuple(movers))
     return None

@@ -11,6 +11,7 @@ from dualnav_lite.scenario import PopUp
 # The place ahead is nearer to the goal by this share of its distance: a robot that is still turning has no way yet.
 ON_THE_WAY = 0.75
 FIRES_BEFORE_M = 1.0  # clear of the robot's own place when a passage is looked for
+LAST_CHANCES_M = 2.0  # of the way before a box could not fire any more: one that found no cover comes in view
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class PopUpPlan:
     stop_m: np.ndarray
     settings: PopUp
 
-    def place(self, pose, half: float, room, goal, goal_field, others):
+    def place(self, pose, half: float, room, goal, goal_field, others, must_hide: bool = False):
         """Where the box appears and stops for a robot at `pose`, or None where it would not be fair now.
 
         Args:
@@ -39,6 +40,7 @@ class PopUpPlan:
             room: `rooms.StaticRoom`.
             goal: (2,) [m]; goal_field: (>= H, >= W) way to it from each cell of the room [m].
             others: (x, y, radius, gap) of things to keep `gap` from [m].
+            must_hide: a box that comes from cover does so on the last of the way as well.
 
         Returns:
             (begin (2,), stop (2,)) of the box's centre, world frame, or None.
@@ -47,6 +49,7 @@ class PopUpPlan:
         ahead_x, ahead_y = float(np.cos(pose[2])), float(np.sin(pose[2]))
         left_x, left_y, reach = -ahead_y, ahead_x, half * np.sqrt(2.0)
         way_here = goal_field[room.cell(pose)]
+        hides = s.placement == "cover" and (must_hide or way_here > s.ahead_m + s.goal_gap_m + LAST_CHANCES_M)
         for side, aside, offset in zip(self.sides.tolist(), self.side_m.tolist(), self.stop_m.tolist(), strict=True):
             front = px + s.ahead_m * ahead_x + offset * left_x, py + s.ahead_m * ahead_y + offset * left_y
             if s.placement == "head_on":
@@ -64,7 +67,7 @@ class PopUpPlan:
                 continue
             if any(_near_line(x, y, begin, stop) < radius + reach + gap for x, y, radius, gap in others):
                 continue
-            if s.placement == "cover" and line_clearance(px, py, *begin, room.boxes, room.width, room.height) >= 0.02:
+            if hides and line_clearance(px, py, *begin, room.boxes, room.width, room.height) >= 0.02:
                 continue  # in view
             if self._leaves_passage(blocked, (left_x, left_y), half, room) and _goal_stays_reachable(
                 pose, blocked, reach, room, goal

@@ -5,7 +5,9 @@ import pytest
 
 from dualnav_lite.config import Config
 from dualnav_lite.geometry import to_robot
+from dualnav_lite.kernels.clearance import line_clearance
 from dualnav_lite.kernels.movers import CROSSING, PEDESTRIAN, POP_UP, UNAWARE
+from dualnav_lite.layout import generate, shortest_path
 from dualnav_lite.scenario import SCENARIO_FOLDER, all_scenarios, load_scenario
 from dualnav_lite.semantics import Surface
 from dualnav_lite.simulation import Simulation
@@ -144,6 +146,26 @@ def test_pop_up_boxes_appear_as_the_article_says():
             assert np.hypot(*(path[-1, :2] - layout.goals[0])) >= 0.9
             assert sim.movers.first_event_s[0] > 0
     assert fired > 20
+
+
+def test_a_box_comes_from_cover_and_where_there_is_none_in_view_at_the_last():
+    """Asked at each cell of the shortest path: hidden until 2 m of the way are left for it, then at any fair place."""
+    hidden, in_view = 0, 0
+    for seed in range(FIRST, FIRST + 30):
+        layout = generate(load_scenario("pop_up_cover"), Config(), seed)
+        room, path = layout.room, shortest_path(layout.room, layout.goal_field, layout.start[:2])
+        for here, ahead in zip(path, path[4:], strict=False):
+            pose = np.array([*here, np.arctan2(*(ahead - here)[::-1])])
+            placed = layout.pop_ups[0].place(pose, 0.2, room, layout.goals[0], layout.goal_field, [])
+            if placed is None:
+                continue
+            if line_clearance(*here, *placed[0], room.boxes, room.width, room.height) < 0.02:
+                hidden += 1
+            else:
+                in_view += 1
+                assert layout.goal_field[room.cell(pose)] <= 2.0 + 0.9 + 2.0
+    assert hidden > 100
+    assert in_view > 100
 
 
 def test_a_pop_up_box_is_not_there_before_it_fires():
