@@ -159,9 +159,9 @@ def test_a_measurement_that_was_stopped_goes_on_and_gives_the_same(tmp_path, mon
     assert made[-1] == "aa"
 
 
-@pytest.mark.parametrize("name", ["intervention", "latency", "battery_trace"])
+@pytest.mark.parametrize("name", ["intervention", "latency", "motion", "battery_trace"])
 def test_no_episode_of_a_measurement_is_driven_twice(tmp_path, monkeypatch, name):
-    from dualnav_lite.measures import adversary, battery_hours, intervention
+    from dualnav_lite.measures import adversary, battery_hours, intervention, motion_error
     from dualnav_lite.measures import latency as latency_module
 
     given = {"arms": ["ppo"], "scenarios": ["crowd_crossing"], "episodes": 1}
@@ -172,7 +172,7 @@ def test_no_episode_of_a_measurement_is_driven_twice(tmp_path, monkeypatch, name
 
     for module, function in (
         (intervention, "of_scenario"), (latency_module, "first_answer"), (battery_hours, "drive"),
-        (adversary, "run_episodes"),
+        (adversary, "run_episodes"), (motion_error, "of_episodes"),
     ):  # fmt: skip
         monkeypatch.setattr(module, function, twice)
     again = run(name, options(tmp_path, **given))

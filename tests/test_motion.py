@@ -7,6 +7,7 @@ import pytest
 from dualnav_lite.config import Motion
 from dualnav_lite.geometry import beam_directions, to_robot
 from dualnav_lite.kernels import raster
+from dualnav_lite.measures.motion_methods import disc_gaps, owned_velocities
 from dualnav_lite.motion import (
     FOOTPRINT_M,
     STEPS,
@@ -42,15 +43,12 @@ def endpoint_errors(poses, compensate, seed=0):
             continue
         three = np.array(scans[-3:])
         flow = estimate_flow(three, poses[step - 2 : step + 1], compensate)
-        truth, is_mover = np.zeros((64, 64, 2)), np.zeros((64, 64), bool)
-        for (x, y), velocity in zip(to_robot(people[:, :2], pose), velocities, strict=True):
-            near = np.hypot(AHEAD - x, LEFT - y) < 0.27 + 0.12
-            is_mover |= near
-            truth[near] = to_robot(velocity, np.array([0, 0, pose[2]]))
-        error = np.hypot(*np.moveaxis(flow - truth, -1, 0))
         hit = rasterise(three[None], poses[None, step - 2 : step + 1])[0, -1] > 0
-        moving += error[hit & is_mover].tolist()
-        still += error[hit & ~is_mover].tolist()
+        gaps = disc_gaps(np.column_stack([AHEAD[hit], LEFT[hit]]), to_robot(people[:, :2], pose), people[:, 2], True)
+        truth, is_mover = owned_velocities(gaps, to_robot(velocities, np.array([0, 0, pose[2]])))
+        error = np.linalg.norm(flow[hit] - truth, axis=-1)
+        moving += error[is_mover].tolist()
+        still += error[~is_mover].tolist()
     return np.mean(moving), np.mean(still)
 
 

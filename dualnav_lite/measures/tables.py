@@ -66,6 +66,14 @@ def latency(options: Options) -> dict[str, pd.DataFrame]:
     return {"latency": latency_table(options, ticks), "response_ticks": ticks}
 
 
+def motion(options: Options) -> dict[str, pd.DataFrame]:
+    """Endpoint error of each motion method, standing and driving, and gains: `motion_error.csv`, `..._paired.csv`."""
+    from dualnav_lite.measures.motion_error import episode_errors, error_table, paired_table
+
+    episodes = episode_errors(options)
+    return {"motion_error": error_table(episodes), "motion_error_paired": paired_table(episodes)}
+
+
 def battery_trace(options: Options) -> dict[str, pd.DataFrame]:
     """Charge, goals and contacts over three hours, once a simulated minute: `battery_trace.csv`."""
     from dualnav_lite.measures.battery_hours import battery_trace
@@ -106,7 +114,7 @@ def ablations(options: Options) -> dict[str, pd.DataFrame]:
 
 MEASURES: dict[str, Callable[[Options], dict[str, pd.DataFrame]]] = {
     measure.__name__: measure
-    for measure in (front, intervention, latency, battery_trace, ablations, perturb, find_failures)
+    for measure in (front, intervention, latency, motion, battery_trace, ablations, perturb, find_failures)
 }
 
 
