@@ -3,7 +3,7 @@
 import io
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Annotated, Any, Literal, TypeVar
 
@@ -80,6 +80,12 @@ class Lidar(Frozen):
     range_max_m: Positive = 10.0
     label_confusion: Share = 0.02  # share of hits whose surface the semantic front end gets wrong
     faintest: Share = 0.0  # weaker returns are dropped, ghosts first and dark walls with them: the rival of channel 3
+
+    @model_validator(mode="after")
+    def _ordered(self):
+        if self.range_max_m <= self.range_min_m:
+            raise ValueError(f"range_max_m ({self.range_max_m:g}) must lie above range_min_m ({self.range_min_m:g})")
+        return self
 
 
 class Map(Frozen):
@@ -174,13 +180,25 @@ def _fields_at(model: type[BaseModel], location: tuple) -> list[str]:
     return sorted(model.model_fields)
 
 
+def _taken_for_numbers(given: Any, kept: Any, place: str = "") -> Iterator[str]:
+    """Dotted keys of every true or false that a model keeps as something else; only numbers do that."""
+    if isinstance(given, bool) and not isinstance(kept, bool):
+        yield place
+    elif isinstance(given, dict):
+        for key, value in given.items():
+            yield from _taken_for_numbers(value, kept.get(key), f"{place}.{key}" if place else str(key))
+    elif isinstance(given, list):
+        for i, value in enumerate(given):
+            yield from _taken_for_numbers(value, kept[i], f"{place}.{i}")
+
+
 AnyModel = TypeVar("AnyModel", bound=BaseModel)
 
 
 def validated(model: type[AnyModel], values: Any, source: str) -> AnyModel:
     """An instance of the model, or `UnusableInput` naming the first wrong key and, if unknown, the known ones."""
     try:
-        return model.model_validate(values)
+        made = model.model_validate(values)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"]) or "(top level)"
@@ -189,6 +207,24 @@ def validated(model: type[AnyModel], values: Any, source: str) -> AnyModel:
             raise UnusableInput(f"{source}: unknown key '{key}'; known keys here: {known}") from None
         got = "" if isinstance(first["input"], dict) else f", got {first['input']!r}"
         raise UnusableInput(f"{source}: {key}: {first['msg']}{got}") from None
+    wrong = next(_taken_for_numbers(values, made.model_dump()), None)
+    if wrong is not None:
+        raise UnusableInput(f"{source}: {wrong}: a number is wanted, got true or false")
+    return made
+
+
+class _UniqueKeys(yaml.SafeLoader):
+    """PyYAML's safe loader, but a key that stands twice in a block is an error, as YAML itself has it."""
+
+    def compose_mapping_node(self, anchor):
+        """A block's node; `yaml.MarkedYAMLError` at the second of two equal keys."""
+        node, first = super().compose_mapping_node(anchor), {}
+        for key, _ in node.value:
+            earlier = first.setdefault((key.tag, str(key.value)), key)
+            if earlier is not key:
+                problem = f"key '{key.value}' stands there twice, first in line {earlier.start_mark.line + 1}"
+                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
+        return node
 
 
 def read_yaml(path: str | Path) -> Any:
@@ -199,7 +235,7 @@ def read_yaml(path: str | Path) -> Any:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise UnusableInput(f"{path}: cannot be read: {reason}") from None
     try:
-        return yaml.safe_load(text)
+        return yaml.load(text, _UniqueKeys)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f" in line {mark.line + 1}" if mark else ""

@@ -3,10 +3,9 @@
 from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from dualnav_lite.config import Frozen, Positive, Share, UnusableInput
+from dualnav_lite.config import Frozen, Positive, Share, read_yaml, validated
 from grading.tasks import questions_of
 
 RUBRIC = Path(__file__).resolve().parent / "rubric.yaml"
@@ -152,14 +151,7 @@ def load_rubric(path: Path = RUBRIC) -> Rubric:
     Raises:
         UnusableInput: it cannot be read, something in it does not fit, or an exercise has no scorer.
     """
-    try:
-        rubric = Rubric.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise UnusableInput(f"{path.name}: cannot be read: {' '.join(str(error).split())[:200]}") from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise UnusableInput(f"{path.name}: {place}{': ' if place else ''}{first['msg']}") from None
+    rubric = validated(Rubric, read_yaml(path), path.name)
     for lesson in rubric.lessons.values():
         for name in lesson.exercises:
             questions_of(name)

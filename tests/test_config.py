@@ -6,9 +6,11 @@ import pytest
 
 from dualnav_lite.config import (
     Config,
+    Frozen,
     UnusableInput,
     dump_config,
     load_config,
+    read_yaml,
     validated,
     with_overrides,
     write_atomic,
@@ -42,6 +44,9 @@ def test_the_article_s_keys_are_where_the_article_has_them():
         ({"simulator": "gazebo"}, ["simulator", "pymunk"]),
         ({"preference": 1.5}, ["preference"]),
         ({"control_dt_s": 0.05, "physics_dt_s": 0.02}, ["whole multiple"]),
+        ({"lidar": {"range_min_m": 10, "range_max_m": 5}}, ["lidar", "range_max_m (5)", "range_min_m (10)"]),
+        ({"hardware": {"max_lin_vel": True}}, ["hardware.max_lin_vel", "a number is wanted"]),
+        ({"preference": True}, ["preference", "a number is wanted"]),
         ([1, 2], ["top level"]),
     ],
 )
@@ -64,6 +69,25 @@ def test_unreadable_yaml_names_file_and_line(tmp_path):
         load_config(path)
     with pytest.raises(UnusableInput, match="cannot be read"):
         load_config(tmp_path)
+
+
+def test_a_key_that_stands_twice_is_refused_with_both_lines(tmp_path):
+    path = tmp_path / "twice.yaml"
+    path.write_text("map:\n  cache: true\nhardware:\n  max_lin_vel: 0.5\n  max_lin_vel: 0.8\n", encoding="utf-8")
+    with pytest.raises(UnusableInput, match=r"twice\.yaml: .*in line 5: key 'max_lin_vel' stands there twice.* line 4"):
+        load_config(path)
+    path.write_text("a: &a {x: 1}\nb: {<<: *a, x: 2}\n", encoding="utf-8")
+    assert read_yaml(path)["b"] == {"x": 2}  # a merged key may be overruled
+
+
+def test_booleans_in_lists_are_no_numbers_either():
+    class Seeds(Frozen):
+        seeds: list[int]
+        is_fast: bool
+
+    assert validated(Seeds, {"seeds": [1], "is_fast": True}, "x").is_fast
+    with pytest.raises(UnusableInput, match=r"x: seeds\.1: a number is wanted"):
+        validated(Seeds, {"seeds": [1, True], "is_fast": True}, "x")
 
 
 def test_a_config_cannot_change_after_it_was_read():

@@ -132,7 +132,7 @@ def test_a_rubric_that_does_not_add_up_is_refused(tmp_path):
         with pytest.raises(ValueError, match="greater"):
             Survival.model_validate(RULE.model_dump() | {name: wrong})
     (tmp_path / "rubric.yaml").write_text("total: [", encoding="utf-8")
-    with pytest.raises(UnusableInput, match="cannot be read"):
+    with pytest.raises(UnusableInput, match="not valid YAML in line 1"):
         load_rubric(tmp_path / "rubric.yaml")
 
 
