@@ -173,6 +173,20 @@ def test_unknown_arms_and_knobs_are_refused_with_the_known_ones():
         make_planner("drive_wait_straight", share=1.5)
 
 
+@pytest.mark.parametrize(
+    "arm", ["ceiling@max_speed=nan", "astar@max_speed=-1", "crawl@speed=inf", "cv_sampling@calm=-1"]
+)
+def test_knobs_that_are_negative_or_not_finite_are_refused_by_name(arm):
+    with pytest.raises(UnusableInput, match=rf"'{arm}': [a-z_]+ must be a finite number of at least 0"):
+        make_planner(arm)
+
+
+def test_who_samples_commands_needs_a_speed_to_sample():
+    for arm in ("ceiling@max_speed=0", "cv_sampling@max_speed=0"):
+        with pytest.raises(UnusableInput, match="max_speed above 0"):
+            make_planner(arm)
+
+
 def test_blind_drivers_do_what_they_are_called():
     ahead, behind = Plane((4.0, 0.0)), Plane((-4.0, 0.1))
     assert made("stand_still").act(None, [ahead.info()])[0].tolist() == [0.0, 0.0]

@@ -1,6 +1,7 @@
 """Drivers to compare a policy with, by id: what they see ranges from nothing to everything."""
 
 import inspect
+import math
 from collections.abc import Callable
 
 from dualnav_lite.config import Config, UnknownName, UnusableInput
@@ -38,7 +39,8 @@ def make_planner(arm_id: str, config: Config | None = None, **knobs) -> Planner:
         knobs: of the planner's class, as `max_speed`.
 
     Raises:
-        UnusableInput: an unknown arm or knob, or a package that the arm needs and is missing.
+        UnusableInput: an unknown arm or knob, a knob that is negative or not finite, a package that the arm needs and
+            that is missing.
     """
     name, _, tail = arm_id.partition("@")
     if name not in ARMS:
@@ -53,4 +55,7 @@ def make_planner(arm_id: str, config: Config | None = None, **knobs) -> Planner:
     unknown = sorted(set(knobs) - set(known))
     if unknown:
         raise UnusableInput(f"arm '{name}': unknown knob '{unknown[0]}'; known: {', '.join(known) or 'none'}")
+    for key, value in knobs.items():
+        if not 0.0 <= value < math.inf:
+            raise UnusableInput(f"arm '{arm_id}': {key} must be a finite number of at least 0, got {value:g}")
     return ARMS[name](config or Config(), **knobs)

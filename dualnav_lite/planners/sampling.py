@@ -5,7 +5,7 @@ from abc import abstractmethod
 import numpy as np
 
 from dualnav_lite import routing
-from dualnav_lite.config import Config, Hardware
+from dualnav_lite.config import Config, Hardware, UnusableInput
 from dualnav_lite.kernels import sampling as kernels
 from dualnav_lite.planners.base import Planner
 from dualnav_lite.planners.pursuit import scan_points
@@ -29,6 +29,8 @@ _CLOSED_M = 0.075  # cells nearer to something fixed are closed
 
 def command_grid(limits: Hardware, max_speed: float | None = None):
     """(9, 11, 2) commands v [m/s], omega [rad/s]: what `costs` scores and an imitator chooses from."""
+    if max_speed == 0.0:
+        raise UnusableInput("a planner that samples commands needs a max_speed above 0")
     top = limits.max_lin_vel if max_speed is None else min(max_speed, limits.max_lin_vel)
     return np.stack(np.meshgrid(SPEEDS * top, TURNS * limits.max_ang_vel, indexing="ij"), axis=-1)
 
