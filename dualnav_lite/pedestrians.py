@@ -17,6 +17,7 @@ from dualnav_lite.kernels.movers import (
     WAITING,
 )
 from dualnav_lite.pop_ups import PopUpPlan
+from dualnav_lite.scenario import MAX_MOVERS
 from dualnav_lite.semantics import Surface
 
 __all__ = ["CROSSING", "FORKLIFT", "NONE", "PEDESTRIAN", "POP_UP", "PUSHABLE", "UNAWARE", "CrowdPlan", "MoverPlan"]
@@ -25,7 +26,6 @@ SURFACE_OF_KIND = np.zeros(7, np.uint8)
 SURFACE_OF_KIND[[PEDESTRIAN, CROSSING, UNAWARE]] = Surface.PERSON
 SURFACE_OF_KIND[[POP_UP, PUSHABLE, FORKLIFT]] = Surface.BOX
 
-MAX_MOVERS = 12
 MAX_WAYPOINTS = 8
 
 
@@ -120,8 +120,6 @@ class Movers:
 
     def reset(self, world: int, layout) -> None:
         """Place the movers of a new layout."""
-        if len(layout.movers) > MAX_MOVERS:
-            raise ValueError(f"a world holds at most {MAX_MOVERS} movers, the layout has {len(layout.movers)}")
         self.kinds[world] = NONE
         self.active[world] = False
         self.states[world] = 0.0

@@ -11,6 +11,7 @@ from dualnav_lite.config import ROOT, Config, Frozen, NonNegative, Positive, Sha
 SCENARIO_FOLDER = ROOT / "stress_tests" / "scenarios"
 HIGHWAY_FOLDER = SCENARIO_FOLDER / "highway"  # of the second world
 FLEET_FOLDER = SCENARIO_FOLDER / "fleet"  # of several robots in one room
+MAX_MOVERS = 12  # of a world: its arrays hold no more
 STRESS_SCENARIOS = ("pop_up", "crowd_crossing", "low_light", "battery", "comms_dropout")  # of test mode
 
 
@@ -44,7 +45,7 @@ Radii = Annotated[Range, _within(0.02, 1)]  # [m]
 Speeds = Annotated[Range, _within(0.01, 5)]  # [m/s]
 Times = Annotated[Range, _within(0, 600)]  # [s]
 Shares = Annotated[Range, _within(0, 1)]
-Few = Annotated[Range, _within(0, 12)]  # of what moves: a world holds 12 movers
+Few = Annotated[Range, _within(0, MAX_MOVERS)]  # of what moves
 Boxes = Annotated[Range, _within(1, 6)]
 Pieces = Annotated[Range, _within(0, 30)]  # of furniture: a world holds 160 sides
 
@@ -92,7 +93,7 @@ class PopUp(Frozen):
 class Crowd(Frozen):
     """A group that waits at its entrance and crosses the robot's journey to meet it."""
 
-    count: Annotated[int, Field(ge=1, le=12)] = 5
+    count: Annotated[int, Field(ge=1, le=MAX_MOVERS)] = 5
     reactive: bool = False
     speed_m_s: Positive = 0.8
     radius_m: Radii = Range(low=0.25, high=0.30)
@@ -171,6 +172,20 @@ class Scenario(Frozen):
     goal_radius_m: Positive = 0.4
     time_limit_paths: Positive = 2.0  # time limit = this x shortest path / 0.8 m/s + time_limit_extra_s
     time_limit_extra_s: NonNegative = 15.0
+
+    @model_validator(mode="after")
+    def _movers_fit(self):
+        counts = {
+            "people.count": int(self.people.count.high),
+            "people.forklift_share": int(self.people.forklift_share > 0),
+            "room.pushable_boxes": int(self.room.pushable_boxes.high),
+            "pop_up.count": int(self.pop_up.count.high) if self.pop_up else 0,
+            "crowd.count": self.crowd.count if self.crowd else 0,
+        }
+        if sum(counts.values()) > MAX_MOVERS:
+            parts = ", ".join(f"{name} {count}" for name, count in counts.items() if count)
+            raise ValueError(f"a world holds {MAX_MOVERS} movers, here are up to {sum(counts.values())}: {parts}")
+        return self
 
 
 def _merged(base: dict, changes: dict) -> dict:

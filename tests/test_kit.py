@@ -233,16 +233,14 @@ def test_an_output_folder_that_refuses_is_one_line(capsys, tmp_path):
     assert "cannot be written" in capsys.readouterr().err
 
 
-def test_evaluate_says_which_episodes_raised_and_ends_with_1(tmp_path, capsys):
+def test_evaluate_says_which_episodes_raised_and_ends_with_1(tmp_path, capsys, monkeypatch):
     from dualnav_lite.__main__ import main
+    from dualnav_lite.planners.scripted import StandStill
 
-    scenario = (ROOT / "stress_tests" / "scenarios" / "navigation.yaml").read_text(encoding="utf-8")
-    full = "\npeople: {count: {low: 12, high: 12}, forklift_share: 1.0}\nroom: {pushable_boxes: {low: 6, high: 6}}\n"
-    path = tmp_path / "full.yaml"
-    path.write_text(scenario.replace("id: navigation", "id: full") + full, encoding="utf-8")
-    command = ["evaluate", "stand_still", "--scenarios", str(path), "--episodes", "1", "--jobs", "1"]
+    monkeypatch.setattr(StandStill, "command", lambda self, i, info: info["no such key"])
+    command = ["evaluate", "stand_still", "--episodes", "1", "--jobs", "1"]
     assert main([*command, "--out", str(tmp_path / "results")]) == 1
-    assert "FAILED full, stand_still: 1 episodes raised; the first: ValueError: a world holds at most 12" in (
+    assert "FAILED navigation, stand_still: 1 episodes raised; the first: KeyError: 'no such key'" in (
         capsys.readouterr().err
     )
     assert len(pd.read_csv(tmp_path / "results" / "survival.csv").config_sha256[0]) == 64
