@@ -45,7 +45,7 @@ def _run_worlds(chunk: Chunk, seeds, config, num_envs, make_planner, make_env) -
         worlds = split_infos(infos, num_envs)
         planner.reset(np.arange(num_envs))
         while active.any():
-            actions = np.array(planner.act(observations, worlds), float)
+            actions = np.array(planner.act(observations, worlds))
             if actions.shape == (num_envs, 2):
                 actions[~active] = 0.0
             observations, _, terminations, truncations, infos = env.step(actions)

@@ -24,12 +24,12 @@ def observation_box(config: Config) -> gymnasium.spaces.Box:
 
 
 def checked_actions(actions, num_envs: int) -> np.ndarray:
-    """The actions as an array; `ValueError` unless they are (n, 2) finite numbers."""
+    """The actions as an array; `ValueError` unless they are (n, 2) finite real numbers."""
     actions = np.asarray(actions)
     if actions.shape != (num_envs, 2):
         raise ValueError(f"actions must have shape ({num_envs}, 2) (v [m/s], omega [rad/s]), got {actions.shape}")
-    if not np.issubdtype(actions.dtype, np.number) or not np.isfinite(actions).all():
-        raise ValueError(f"actions must be finite numbers, got {actions.tolist()}")
+    if actions.dtype.kind not in "iuf" or not np.isfinite(actions).all():
+        raise ValueError(f"actions must be finite real numbers, got {actions.dtype} {actions.tolist()}")
     return actions
 
 

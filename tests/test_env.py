@@ -267,7 +267,11 @@ def test_truth_is_only_there_for_those_who_ask():
         (0.5, r"shape \(2,\)"),
         ([np.nan, 0.0], "finite"),
         ([np.inf, 0.0], "finite"),
-        (["fast", "left"], "finite numbers"),
+        (["fast", "left"], "finite real numbers, got <U4"),
+        ([0.5 + 1j, 0.0], "finite real numbers, got complex128"),
+        (np.array([0.5, None]), "finite real numbers, got object"),
+        (np.array([0.5, 0.1], object), "finite real numbers, got object"),
+        (None, r"shape \(2,\)"),
     ],
 )
 def test_wrong_actions_raise_and_say_what_is_wanted(action, words):
