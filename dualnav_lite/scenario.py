@@ -238,9 +238,14 @@ def load_scenario(name: str) -> Scenario:
     return known[name]
 
 
+def configured_scenarios(config: Config) -> list[str]:
+    """Names of the scenarios that a config asks for: the five stress scenarios in test mode, else its own."""
+    return list(STRESS_SCENARIOS) if config.test_mode else [config.scenario]
+
+
 def resolve_scenarios(config: Config, scenario) -> list[Scenario]:
-    """Scenarios to draw from: those asked for, the five stress scenarios in test mode, else the configured one."""
+    """Scenarios to draw from: those asked for, else the configured ones."""
     if scenario is None:
-        scenario = list(STRESS_SCENARIOS) if config.test_mode else config.scenario
+        scenario = configured_scenarios(config)
     asked = [scenario] if isinstance(scenario, str | Scenario) else list(scenario)
     return [one if isinstance(one, Scenario) else load_scenario(one) for one in asked]

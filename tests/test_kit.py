@@ -246,6 +246,22 @@ def test_evaluate_says_which_episodes_raised_and_ends_with_1(tmp_path, capsys, m
     assert len(pd.read_csv(tmp_path / "results" / "survival.csv").config_sha256[0]) == 64
 
 
+def test_evaluate_and_record_take_the_config_s_scenario_unless_others_are_named(tmp_path):
+    from dualnav_lite.__main__ import main
+
+    config, out = tmp_path / "config.yaml", tmp_path / "results"
+    config.write_text("scenario: pop_up\n", encoding="utf-8")
+    command = ["evaluate", "straight", "--episodes", "1", "--jobs", "1", "--config", str(config), "--out", str(out)]
+    assert main(command) == 0
+    assert set(pd.read_csv(out / "episodes.csv").scenario) == {"pop_up"}
+    assert main([*command, "--scenarios", "crowd_crossing"]) == 0
+    assert set(pd.read_csv(out / "episodes.csv").scenario) == {"crowd_crossing"}
+    assert (
+        main(["record", "straight", "--episodes", "1", "--config", str(config), "--out", str(tmp_path / "data")]) == 0
+    )
+    assert set(pd.read_csv(tmp_path / "data" / "logs" / "episodes.csv").scenario) == {"pop_up"}
+
+
 def test_every_command_explains_itself(capsys):
     from dualnav_lite.__main__ import app, main
 

@@ -2,8 +2,16 @@
 
 import pytest
 
-from dualnav_lite.config import UnusableInput
-from dualnav_lite.scenario import SCENARIO_FOLDER, Scenario, all_scenarios, load_scenario, read_scenarios
+from dualnav_lite.config import Config, UnusableInput
+from dualnav_lite.scenario import (
+    SCENARIO_FOLDER,
+    STRESS_SCENARIOS,
+    Scenario,
+    all_scenarios,
+    configured_scenarios,
+    load_scenario,
+    read_scenarios,
+)
 
 
 def test_the_seven_files_of_the_contract_are_there():
@@ -111,6 +119,11 @@ def test_a_missing_scenario_is_answered_with_the_known_ones():
         load_scenario("fog")
     with pytest.raises(UnusableInput, match="cannot be read"):
         load_scenario("nowhere.yaml")
+
+
+def test_a_config_asks_for_its_scenario_and_in_test_mode_for_the_five():
+    assert configured_scenarios(Config(scenario="pop_up")) == ["pop_up"]
+    assert configured_scenarios(Config(scenario="pop_up", test_mode=True)) == list(STRESS_SCENARIOS)
 
 
 def test_a_scenario_cannot_change_after_it_was_read():

@@ -6,7 +6,18 @@ from typing import Annotated
 
 import typer
 
-from dualnav_lite.commands import CORES, TEST_SEED, Episodes, Jobs, Seeds, app, config_of, words
+from dualnav_lite.commands import (
+    CORES,
+    TEST_SEED,
+    Episodes,
+    Jobs,
+    Scenarios,
+    Seeds,
+    app,
+    config_of,
+    scenarios_of,
+    words,
+)
 
 
 @app.command()
@@ -53,7 +64,7 @@ def card(
 @app.command()
 def record(
     arms: Annotated[str, typer.Argument(help="Planners, separated by commas.")] = "cv_sampling",
-    scenarios: Annotated[str, typer.Option(help="Scenario ids or YAML files, separated by commas.")] = "navigation",
+    scenarios: Scenarios = "",
     episodes: Episodes = 10,
     seed_base: Annotated[int, typer.Option(min=0, help="First seed; below 1000000 they are for training.")] = 0,
     config: Annotated[Path | None, typer.Option(help="config.yaml to use; the defaults if not given.")] = None,
@@ -62,8 +73,8 @@ def record(
     """Drives kept whole: scans, maps, where everything really was, and a log of both objectives."""
     from dualnav_lite.recording import record as run
 
-    seeds = range(seed_base, seed_base + episodes)
-    print(run(words(scenarios), words(arms), seeds, out, config_of(config)).to_string(index=False))
+    settings, seeds = config_of(config), range(seed_base, seed_base + episodes)
+    print(run(scenarios_of(scenarios, settings), words(arms), seeds, out, settings).to_string(index=False))
     return 0
 
 

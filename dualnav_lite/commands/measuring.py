@@ -7,13 +7,26 @@ from typing import Annotated
 
 import typer
 
-from dualnav_lite.commands import CORES, TEST_SEED, Cluster, Episodes, Jobs, Seeds, Shard, app, config_of, words
+from dualnav_lite.commands import (
+    CORES,
+    TEST_SEED,
+    Cluster,
+    Episodes,
+    Jobs,
+    Scenarios,
+    Seeds,
+    Shard,
+    app,
+    config_of,
+    scenarios_of,
+    words,
+)
 
 
 @app.command()
 def evaluate(
     arms: Annotated[str, typer.Argument(help="ppo, ppo_filter, planners, .onnx files, by commas.")],
-    scenarios: Annotated[str, typer.Option(help="Scenario ids or YAML files, separated by commas.")] = "navigation",
+    scenarios: Scenarios = "",
     episodes: Episodes = 100,
     seed_base: Seeds = TEST_SEED,
     jobs: Jobs = CORES,
@@ -30,12 +43,13 @@ def evaluate(
     from dualnav_lite.stress import error_rows, shard_of
     from dualnav_lite.survival import survival
 
+    settings = config_of(config)
     rows = run(
         words(arms),
-        words(scenarios),
+        scenarios_of(scenarios, settings),
         range(seed_base, seed_base + episodes),
         out,
-        config=config_of(config),
+        config=settings,
         preference=preference,
         jobs=jobs,
         shard=shard_of(shard),
