@@ -146,13 +146,16 @@ def settings():
 
 def warm(python, variables):
     """Compile the kernels where they changed since the last time."""
-    stamp = os.path.join(os.path.dirname(os.path.dirname(python)), "kit.warm")
+    cache = variables.get("NUMBA_CACHE_DIR", KERNELS)
+    # An environment may serve several checkouts, each with compiled kernels of its own.
+    label = "kit.warm." + hashlib.sha256(os.fsencode(KERNELS + "\n" + cache)).hexdigest()[:12]
+    stamp = os.path.join(os.path.dirname(os.path.dirname(python)), label)
     sources = sorted(name for name in os.listdir(KERNELS) if name.endswith(".py"))
-    wanted = variables.get("NUMBA_CACHE_DIR", KERNELS) + "\n" + digest(*[os.path.join(KERNELS, s) for s in sources])
+    wanted = digest(*[os.path.join(KERNELS, source) for source in sources])
     if read(stamp) != wanted:
         say("compiling the kernels, once: about a minute, most of it in the first part")
         # numba looks at a kernel's own file only: one that calls a changed kernel of another file would stay as it was.
-        for folder, _, names in os.walk(variables.get("NUMBA_CACHE_DIR", KERNELS)):
+        for folder, _, names in os.walk(cache):
             for name in names:
                 if name.endswith((".nbi", ".nbc")):
                     os.remove(os.path.join(folder, name))

@@ -119,6 +119,20 @@ def test_kernels_are_compiled_again_only_after_one_changed(kit, tmp_path, monkey
     assert len(kit.steps) == 2
 
 
+def test_checkouts_that_share_an_environment_keep_each_other_s_kernels(kit, tmp_path, monkeypatch):
+    python = kit.own_environment()
+    kit.steps.clear()
+    for checkout in ("one", "two", "one", "two"):
+        kernels = tmp_path / checkout / "kernels"
+        kernels.mkdir(parents=True, exist_ok=True)
+        (kernels / "a.py").write_text(f"x = '{checkout}'\n", encoding="utf-8")
+        (kernels / "a.nbi").touch()
+        monkeypatch.setattr(kit, "KERNELS", str(kernels))
+        kit.warm(python, {})
+    assert kit.steps == [["-m", "dualnav_lite", "warm"]] * 2
+    assert (tmp_path / "one" / "kernels" / "a.nbi").exists()
+
+
 def test_kernels_go_elsewhere_when_the_checkout_cannot_be_written(kit, tmp_path, monkeypatch):
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
