@@ -276,6 +276,17 @@ def test_evaluate_and_record_take_the_config_s_scenario_unless_others_are_named(
     assert set(pd.read_csv(tmp_path / "data" / "logs" / "episodes.csv").scenario) == {"pop_up"}
 
 
+def test_a_shard_without_episodes_says_so_and_the_others_fill_the_table(tmp_path, capsys):
+    from dualnav_lite.__main__ import main
+
+    command = ["evaluate", "straight", "--episodes", "1", "--jobs", "1", "--out", str(tmp_path)]
+    assert main([*command, "--shard", "2/2"]) == 0
+    assert capsys.readouterr().out == "shard 2/2 holds no episodes: there are fewer chunks than shards\n"
+    assert pd.read_csv(tmp_path / "survival.csv").empty
+    assert main([*command, "--shard", "1/2"]) == 0
+    assert len(pd.read_csv(tmp_path / "episodes.csv")) == 1
+
+
 def test_every_command_explains_itself(capsys):
     from dualnav_lite.__main__ import app, main
 

@@ -58,7 +58,8 @@ def evaluate(
     made = json.loads((out / "run.json").read_text(encoding="utf-8"))
     table = survival(rows, policy_sha256=made["policy_sha256"], config_sha256=made["config_sha256"])
     write_atomic(out / "survival.csv", table.to_csv(index=False, lineterminator="\n"))
-    print("\n".join(survival_lines(table)))
+    empty = f"shard {shard} holds no episodes: there are fewer chunks than shards"
+    print("\n".join(survival_lines(table)) if len(rows) else empty)
     failed = error_rows(rows)
     for what, reason in failed:
         print(f"FAILED {what}: {reason}", file=sys.stderr)
