@@ -257,10 +257,10 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
         return infos
 
     def _add_pages(self, infos, ended, surfaces) -> None:
-        """Put the finished episodes' measurements into `infos["episode"]`."""
+        """Put the finished episodes' measurements into `infos["page"]`."""
         if ended.any():
             sim = self.sim
-            infos["episode"] = self.journal.page(
+            infos["page"] = self.journal.page(
                 self.config.control_dt_s,
                 sim.robots.battery,
                 sim.movers.events,
@@ -269,9 +269,9 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
                 self.task.outcomes,
                 self.task.reasons,
             )
-            infos["episode"]["scenario"] = np.array([scenario.id for scenario in sim.scenarios], dtype=object)
-            infos["episode"]["seed"] = np.array([layout.seed for layout in sim.layouts], dtype=object)
-            infos["_episode"] = ended.copy()
+            infos["page"]["scenario"] = np.array([scenario.id for scenario in sim.scenarios], dtype=object)
+            infos["page"]["seed"] = np.array([layout.seed for layout in sim.layouts], dtype=object)
+            infos["_page"] = ended.copy()
 
     def _restart(self, infos) -> dict[str, Any]:
         """Same-step autoreset: begin anew where an episode ended; its last observation and info are kept."""

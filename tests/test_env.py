@@ -150,8 +150,8 @@ def discounted_returns(driver, num_envs=40):
         _, reward, _, _, infos = env.step(driver(infos))
         returns += discount * reward
         discount *= 0.99
-        if "episode" in infos:
-            outcomes = np.where(infos["_episode"], infos["episode"]["outcome"], outcomes)
+        if "page" in infos:
+            outcomes = np.where(infos["_page"], infos["page"]["outcome"], outcomes)
     return returns, outcomes
 
 
@@ -189,7 +189,7 @@ def test_time_runs_out_as_truncation_not_as_termination():
     assert truncated
     assert not terminated
     assert steps == pytest.approx(limit / 0.1, abs=1.01)
-    assert info["episode"]["outcome"] == "timeout"
+    assert info["page"]["outcome"] == "timeout"
     assert env.episode_energy_costs == [pytest.approx(5.0 * 0.1 * steps)]
 
 
@@ -201,7 +201,7 @@ def test_a_flat_battery_ends_the_run():
         _, _, terminated, _, info = env.step([0.0, 0.0])
         if terminated:
             break
-    assert info["episode"]["outcome"] == "flat_battery"
+    assert info["page"]["outcome"] == "flat_battery"
     assert info["battery"] == 0.0
 
 
@@ -219,7 +219,7 @@ def test_same_step_autoreset_hands_out_the_last_observation_and_the_next_first()
             assert not np.array_equal(infos["final_obs"][i], observations[i])
             assert infos["time_s"][i] == 0.0
             assert infos["final_info"]["time_s"][i] > 1.0
-            assert infos["episode"]["outcome"][i]
+            assert infos["page"]["outcome"][i]
             return
     pytest.fail("no episode ended")
 
@@ -337,6 +337,24 @@ def test_it_is_registered_and_reads_the_article_s_config(tmp_path):
     worlds = gymnasium.make_vec("DualNav-v0", num_envs=3, scenario="pop_up")
     observations, _ = worlds.reset(seed=FIRST)
     assert observations.shape == (3, 4, 64, 64)
+
+
+@pytest.mark.parametrize("num_envs", [None, 2])
+def test_gymnasium_s_record_of_episodes_stands_beside_the_page(num_envs):
+    if num_envs is None:
+        env = gymnasium.wrappers.RecordEpisodeStatistics(gymnasium.make("DualNav-v0", scenario="crowd_crossing"))
+    else:
+        worlds = gymnasium.make_vec("DualNav-v0", num_envs=num_envs, scenario="crowd_crossing")
+        env = gymnasium.wrappers.vector.RecordEpisodeStatistics(worlds)
+    _, info = env.reset(seed=FIRST)
+    total, ended = 0.0, np.array(False)
+    while not ended.any():
+        action = seek({"goal_robot": np.atleast_2d(info["goal_robot"])})
+        _, reward, terminated, truncated, info = env.step(action if num_envs else action[0])
+        total, ended = total + reward, np.logical_or(terminated, truncated)
+    ended, page, record = np.atleast_1d(ended), info["page"], info["episode"]
+    assert (np.atleast_1d(record["l"]) == np.atleast_1d(page["steps"]))[ended].all()
+    assert np.atleast_1d(record["r"])[ended] == pytest.approx(np.atleast_1d(total)[ended])
 
 
 def test_a_student_s_parts_are_called_a_world_at_a_time():

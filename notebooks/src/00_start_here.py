@@ -122,7 +122,7 @@ show(sampling)
 
 # %%
 rows = ["outcome", "time_s", "path_m", "min_clearance_m", "mean_clearance_m", "energy_j"]
-both = {"astar": astar["info"]["episode"], "cv_sampling": sampling["info"]["episode"]}
+both = {"astar": astar["info"]["page"], "cv_sampling": sampling["info"]["page"]}
 pd.DataFrame(both).loc[rows]
 
 # %% [markdown]
@@ -165,7 +165,7 @@ plt.show()
 runs = {}
 for top_speed in (0.8, 0.5) if quick else (0.8, 0.65, 0.5, 0.35, 0.2):
     slower = with_overrides(Config(), {"hardware.max_lin_vel": top_speed})
-    runs[top_speed] = drive(planned("astar", slower), seed=19, config=slower)["info"]["episode"]
+    runs[top_speed] = drive(planned("astar", slower), seed=19, config=slower)["info"]["page"]
 speeds = pd.DataFrame(runs).T[["outcome", "time_s", "min_clearance_m", "energy_j"]]
 speeds.index.name = "top speed [m/s]"
 

@@ -104,10 +104,10 @@ class Diary:
 
     def take(self, infos):
         """Called at each step of all worlds."""
-        if "episode" not in infos:
+        if "page" not in infos:
             return
-        episode = infos["episode"]
-        for k in np.flatnonzero(infos["_episode"]):
+        episode = infos["page"]
+        for k in np.flatnonzero(infos["_page"]):
             self.arrived.append(episode["outcome"][k] == "goal")
             self.clearance.append(episode["min_clearance_m"][k])
             self.energy.append(episode["energy_j"][k])

@@ -172,9 +172,9 @@ ended = []
 
 def note(infos, share):
     """Keep the outcome of each episode that ends."""
-    if "episode" in infos:
-        page = infos["episode"]
-        ended.extend((share * parking_steps, page["outcome"][i]) for i in np.flatnonzero(infos["_episode"]))
+    if "page" in infos:
+        page = infos["page"]
+        ended.extend((share * parking_steps, page["outcome"][i]) for i in np.flatnonzero(infos["_page"]))
 
 
 parker = train_car("parking", parking_steps, seed=0, preference=0.5, on_step=note)
