@@ -236,10 +236,11 @@ def read_yaml(path: str | Path) -> Any:
         raise UnusableInput(f"{path}: cannot be read: {reason}") from None
     try:
         return yaml.load(text, _UniqueKeys)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # a 13th month, nests too deep: not PyYAML's own
         mark = getattr(error, "problem_mark", None)
         where = f" in line {mark.line + 1}" if mark else ""
-        raise UnusableInput(f"{path}: not valid YAML{where}: {getattr(error, 'problem', None) or error}") from None
+        problem = " ".join(str(getattr(error, "problem", None) or error).split())
+        raise UnusableInput(f"{path}: not valid YAML{where}: {problem}") from None
 
 
 def _umask() -> int:

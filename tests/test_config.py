@@ -71,6 +71,15 @@ def test_unreadable_yaml_names_file_and_line(tmp_path):
         load_config(tmp_path)
 
 
+@pytest.mark.parametrize("text", ["a: 2026-13-45", "a: \x01", "[" * 3000, "a: *b", "a: 1\n---\nb: 2"])
+def test_whatever_yaml_cannot_hold_is_one_line(tmp_path, text):
+    path = tmp_path / "odd.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(UnusableInput, match=r"odd\.yaml: not valid YAML") as caught:
+        load_config(path)
+    assert "\n" not in str(caught.value)
+
+
 def test_a_key_that_stands_twice_is_refused_with_both_lines(tmp_path):
     path = tmp_path / "twice.yaml"
     path.write_text("map:\n  cache: true\nhardware:\n  max_lin_vel: 0.5\n  max_lin_vel: 0.8\n", encoding="utf-8")
