@@ -223,6 +223,37 @@ def update(names, given, kept):
     return found
 
 
+def learning(names, given, kept):
+    """A student's PPO among the library's networks: begin anew, `select_action`, or `update` with a batch."""
+    import torch
+
+    from dualnav_lite.policy import Critic, make_actor
+    from dualnav_lite.ppo import PPO, Batch, make_optimizers
+    from dualnav_lite.trunks import trunk_for
+
+    if "seed" in given:
+        torch.set_num_threads(1)
+        torch.manual_seed(given["seed"].item())
+        whole = {name: int(given[name].item()) for name in ("epochs", "minibatch")}
+        rates = ("learning_rate_actor", "learning_rate_critic", "clip_range", "entropy_coef", "target_kl")
+        settings = PPO(**whole, **{name: given[name].item() for name in rates}, threads=1)
+        actor, critic = make_actor((1,), "gaussian", [1.0]), Critic(trunk_for((1,)), 1)
+        kept["networks"], kept["settings"] = (actor, critic), settings
+        kept["optimizers"] = make_optimizers(actor, critic, settings)
+        kept["draws"] = torch.Generator().manual_seed(given["seed"].item())
+        kept["rng"] = np.random.default_rng(given["seed"].item())
+        return {}
+    actor, critic = kept["networks"]
+    seen = _tensor(given["observations"])
+    if "advantages" not in given:
+        with torch.no_grad():
+            actions, log_probs = actor.head.sample(actor(seen), kept["draws"])
+            return {"actions": actions.numpy(), "log_probs": log_probs.numpy(), "values": critic(seen).numpy()}
+    samples = [_tensor(given[name]) for name in ("actions", "log_probs", "advantages", "returns", "values")]
+    _theirs(names, "update")(actor, critic, kept["optimizers"], Batch(seen, *samples), kept["settings"], kept["rng"])
+    return {}
+
+
 def _driver(path: str):
     """Who answers observations: an exported network, or weights in the library's own one."""
     with open(path, "rb") as file:
@@ -294,5 +325,6 @@ ADAPTERS = {
     "policy_loss": policy_loss,
     "value_loss": value_loss,
     "update": update,
+    "learning": learning,
     "policy": policy,
 }

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from dualnav_lite.check import judge
 from dualnav_lite.config import UnusableInput
+from grading.feedback import reason_text
 from grading.lesson import grade_lesson
 from grading.policy import grade_policy
 from grading.room import PACKAGE, Room
@@ -31,13 +32,14 @@ def dry_run(room: Room, say: Callable[[str], None] = print, mutants: Path = MUTA
         return [str(error)]
     say("reference: everything; untouched: nothing; the sandbox denies what it must")
     for lesson in room.rubric.lessons:
-        for exercise in room.rubric.lessons[lesson].exercises:
+        for exercise, rule in room.rubric.lessons[lesson].exercises.items():
             found = sorted((mutants / exercise).glob("*.py"))
             texts = {path.stem: path.read_text(encoding="utf-8") for path in found}
             wrong = sum(not text.startswith(RIGHT) for text in texts.values())
             if wrong < LEAST_MUTANTS:
                 problems.append(f"{exercise}: has {wrong} mutants, needs {LEAST_MUTANTS}")
-            tried = [*_checked(room, lesson, exercise, texts), *_tried(room, lesson, exercise, texts)]
+            tried = [] if rule.of else _checked(room, lesson, exercise, texts)
+            tried += _tried(room, lesson, exercise, texts)
             failed = [f"{exercise}: {problem}" for problem in tried]
             problems += failed
             say(f"{exercise}: {len(texts)} other solutions, {len(failed)} judged wrongly")
@@ -50,13 +52,18 @@ def dry_run(room: Room, say: Callable[[str], None] = print, mutants: Path = MUTA
 def _tried(room: Room, lesson: str, exercise: str, texts: dict[str, str]) -> list[str]:
     """Which solutions are judged wrongly, each in a sandbox as if a student had handed it in."""
     problems, setting = [], room.setting(lesson)
-    needs = {need: setting.master.solutions[need] for need in setting.lesson.exercises[exercise].needs}
+    rule = setting.lesson.exercises[exercise]
+    needs = {need: setting.master.solutions[need] for need in rule.needs}
     for name, text in texts.items():
-        outcome = grade_lesson(setting, needs | {exercise: text})[0][exercise]
+        outcome = grade_lesson(setting, needs | {rule.of or exercise: text})[0][exercise]
         is_right = text.startswith(RIGHT)
         if is_right != (outcome.status == "passed"):
             said = f"gets {outcome.reason}" if is_right else "passes"
             problems.append(f"{'right solution' if is_right else 'mutant'} '{name}' {said}")
+        elif rule.of and not is_right:  # no check of the lesson stands before it, so feedback has the only hint
+            hint = text.partition("\n")[0].removeprefix(HINT)
+            fits = hint in reason_text(outcome.reason, "en")
+            problems += [] if fits else [f"feedback gives no fitting hint to mutant '{name}'"]
     return problems
 
 

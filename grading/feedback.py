@@ -40,6 +40,8 @@ WORDS = {
         "manual": "decided by your teacher",
         "ungraded": "not graded yet",
         "right": "{right} of {asked} questions right",
+        "learned": "at first {first:.0%} of what could be gained, at last {last:.0%}; needed {needed:.0%}, "
+        "aim at {aim:.0%}",
         "perhaps": "perhaps for the same reason: ",
         "and": "; ",
         "comma": ", ",
@@ -83,6 +85,7 @@ WORDS = {
         "manual": "由老师评定",
         "ungraded": "尚未评分",
         "right": "{asked} 个问题答对 {right} 个",
+        "learned": "可获得的改进中，开始时达到 {first:.0%}，最后 {last:.0%}；要求 {needed:.0%}，目标 {aim:.0%}",
         "perhaps": "可能是同一原因：",
         "and": "；",
         "comma": "、",
@@ -153,6 +156,8 @@ def _todo(row: dict, outcome: dict, words: dict, language: str) -> str:
     if "right" in detail and "survival" not in detail and row["status"] != "passed":
         stopped = row["status"] in ("error", "timeout")
         lines.append(words["stopped" if stopped else "right"].format(**detail))
+    if "learning" in detail:
+        lines.append(words["learned"].format(**detail["learning"]))
     lent = [part.partition(":")[0] for part in outcome["source"].split("+") if part.endswith(":reference")]
     if lent:
         lines.append(words["reference"].format(names=words["comma"].join(f"`{name}`" for name in lent)))

@@ -13,7 +13,7 @@ from grading.rubric import Lesson
 from grading.said import said_by
 from grading.sandbox import Sandbox
 from grading.secret import Secret
-from grading.tasks import questions_of
+from grading.tasks import Marks, task_of
 
 MOST_REPLY = 8 << 20
 # Names of exceptions that may be shown: a student chooses the name of his own, so no other name is.
@@ -117,14 +117,15 @@ def grade_lesson(setting: Setting, sources: dict[str, str]) -> tuple[dict[str, O
     """
     outcomes: dict[str, Outcome] = {}
     usable: dict[str, str] = {}
-    for exercise in setting.lesson.exercises:
-        source = sources.get(exercise, "\0cell_missing")
+    for exercise, rule in setting.lesson.exercises.items():
+        cell = rule.of or exercise
+        source = sources.get(cell, "\0cell_missing")
         if source.startswith("\0"):
             outcomes[exercise] = Outcome(0.0, "not_run", source[1:])
-        elif untouched(source, setting.master.stubs[exercise]):
+        elif untouched(source, setting.master.stubs[cell]):
             outcomes[exercise] = Outcome(0.0, "not_run", "not_done")
         else:
-            usable[exercise] = source
+            usable[cell] = source
     run = _Run(setting, usable, outcomes)
     run.together()
     run.one_by_one()
@@ -141,7 +142,11 @@ class _Run:
         self.said: dict[str, str] = {}
 
     def _open(self) -> list[str]:
-        return [name for name in self._usable if name not in self._outcomes]
+        return [name for name in self._setting.lesson.exercises if name not in self._outcomes]
+
+    def _cell(self, exercise: str) -> str:
+        """Whose cell is asked: the exercise's own, or that of the one whose further task it is."""
+        return self._setting.lesson.exercises[exercise].of or exercise
 
     def _needs(self, exercise: str) -> tuple[str, ...]:
         return self._setting.lesson.exercises[exercise].needs
@@ -164,10 +169,10 @@ class _Run:
                 ended = self._ask_all(session, todo)
                 if not ended:
                     return
-                del cells[ended]
+                del cells[self._cell(ended)]
 
     def _own_parts(self, exercise: str, cells: dict[str, str]) -> bool:
-        return all(name in cells for name in (exercise, *self._needs(exercise)))
+        return all(name in cells for name in (self._cell(exercise), *self._needs(exercise)))
 
     def _ask_all(self, session, todo: list[str]) -> str:
         """Grade in order; the exercise that ended the sandbox, or nothing."""
@@ -185,14 +190,14 @@ class _Run:
 
     def _shares_a_name(self, exercise: str) -> bool:
         """Whether another cell binds a name that this one or a part of it binds: two helpers of the same name, say."""
-        own = {exercise, *self._needs(exercise)}
+        own = {self._cell(exercise), *self._needs(exercise)}
         return any(self._names[one] & self._names[name] for name in own for one in self._usable if one != name)
 
     def one_by_one(self) -> None:
         """Each exercise that is open in a sandbox of its own; what it calls is the reference where it did not pass."""
         for name in self._open():
             parts = {}
-            cells = {name: self._usable[name]}
+            cells = {self._cell(name): self._usable[self._cell(name)]}
             for need in self._needs(name):
                 own = self._has_passed(need)
                 parts[need] = "student" if own else "reference"
@@ -236,32 +241,24 @@ class _Run:
         return Outcome(0.0, "error", reason)
 
     def _ask(self, session, exercise: str, parts: dict[str, str]) -> tuple[Outcome, bool]:
-        """Outcome of an exercise's questions, and whether the sandbox is of no more use."""
-        share, right, asked, reason, status = 0.0, 0, 0, "", ""
-        wrong: dict[str, None] = {}
-        seconds = self._setting.lesson.exercises[exercise].seconds
-        deadline = time.monotonic() + seconds
-        died = False
-        for question in questions_of(exercise)(self._setting.secret.generator(exercise)):
-            asked += 1
-            try:
-                left = max(0.05, deadline - time.monotonic())
-                error, answer = session.caller.ask(exercise, question.arrays, left)
-            except wire.ProtocolError as problem:
-                died, share = True, 0.0
-                status, reason = cut_off(problem, session.sandbox.killed_for)
-                break
-            found = error_reason(error) if error else question.judge(answer)
-            if found:
-                wrong[found] = None
-                reason = reason or found
-            else:
-                share, right = share + question.share, right + 1
-        share = min(1.0, round(share, 9))
-        status = status or ("passed" if right == asked else "partial" if share else "failed")
-        names = parts | {exercise: "student"}
+        """Outcome of an exercise's task, and whether the sandbox is of no more use."""
+        deadline = time.monotonic() + self._setting.lesson.exercises[exercise].seconds
+        marks, died, status = Marks(), False, ""
+
+        def ask(arrays):
+            error, answer = session.caller.ask(exercise, arrays, deadline - time.monotonic())
+            return error_reason(error) if error else "", answer
+
+        try:
+            task_of(exercise)(self._setting.secret.generator(exercise), ask, marks)
+        except wire.ProtocolError as problem:
+            died, marks.share = True, 0.0
+            status, marks.reason = cut_off(problem, session.sandbox.killed_for)
+        share = min(1.0, round(marks.share, 9))
+        status = status or ("passed" if marks.passed else "partial" if share else "failed")
+        names = parts | {self._cell(exercise): "student"}
         source = "+".join(f"{name}:{whose}" for name, whose in names.items())
-        return Outcome(share, status, reason, source, {"right": right, "asked": asked, "wrong": list(wrong)}), died
+        return Outcome(share, status, marks.reason, source, marks.detail), died
 
 
 def cut_off(problem: wire.ProtocolError, killed_for: str) -> tuple[str, str]:

@@ -87,7 +87,7 @@ def prepared(rubric: Rubric, secret: Secret, tier: str, limits: Limits, notebook
             raise UnusableInput(
                 f"the rubric names lesson '{name}', but notebooks/{name}.ipynb cannot be read"
             ) from None
-        missing = sorted(set(lesson.exercises) - set(masters[name].solutions))
+        missing = sorted(set(lesson.cells()) - set(masters[name].solutions))
         if missing:
             raise UnusableInput(f"the rubric names exercise '{missing[0]}', which {name}.ipynb does not hold")
     folder = Path(tempfile.mkdtemp(prefix=own_prefix()))

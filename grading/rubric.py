@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from dualnav_lite.config import Frozen, Positive, Share, read_yaml, validated
-from grading.tasks import questions_of
+from grading.tasks import task_of
 
 RUBRIC = Path(__file__).resolve().parent / "rubric.yaml"
 Count = Annotated[int, Field(ge=1)]
@@ -14,9 +14,14 @@ Points = Annotated[float, Field(gt=0)]
 
 
 class Exercise(Frozen):
-    """One exercise: what it is worth, what it calls, how long its questions may take together."""
+    """One exercise: what it is worth, what it calls, how long its questions may take together.
+
+    Attributes:
+        of: exercise whose cell is asked, where this one is a further task on it and has no cell of its own.
+    """
 
     points: Points
+    of: str = ""
     needs: tuple[str, ...] = ()
     seconds: Positive = 10.0
 
@@ -98,14 +103,18 @@ class Lesson(Frozen):
     def _fits(self):
         known: list[str] = []
         for name, exercise in self.exercises.items():
-            unknown = sorted(set(exercise.needs) - set(known))
+            unknown = sorted({*exercise.needs, *([exercise.of] if exercise.of else [])} - set(known))
             if unknown:
                 raise ValueError(f"'{name}' needs '{unknown[0]}', which does not stand before it")
-            known.append(name)
+            known += [] if exercise.of else [name]
         strangers = sorted(set(self.mask.values()) - set(known))
         if strangers:
             raise ValueError(f"mask names '{strangers[0]}', which is no exercise here")
         return self
+
+    def cells(self) -> tuple[str, ...]:
+        """Exercises with a cell of their own."""
+        return tuple(name for name, exercise in self.exercises.items() if not exercise.of)
 
 
 class Late(Frozen):
@@ -154,5 +163,5 @@ def load_rubric(path: Path = RUBRIC) -> Rubric:
     rubric = validated(Rubric, read_yaml(path), path.name)
     for lesson in rubric.lessons.values():
         for name in lesson.exercises:
-            questions_of(name)
+            task_of(name)
     return rubric

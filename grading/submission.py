@@ -24,7 +24,7 @@ def grade_one(room: Room, submission: Submission) -> dict:
         content = submission.files.get(f"{name}.ipynb")
         if not problem:
             try:
-                sources = solution_cells(content, tuple(lesson.exercises)) if content is not None else {}
+                sources = solution_cells(content, lesson.cells()) if content is not None else {}
                 problem = "" if content is not None else "no_notebook"
             except Unreadable as error:
                 problem = str(error)

@@ -55,7 +55,8 @@ def reasons(exercise: str, source: str) -> list[str]:
     return found
 
 
-GRADED = [path for name in load_rubric().points() for path in sorted((MUTANTS / name).glob("*.py"))]
+CELLS = [name for lesson in load_rubric().lessons.values() for name in lesson.cells()]
+GRADED = [path for name in CELLS for path in sorted((MUTANTS / name).glob("*.py"))]
 
 
 @pytest.mark.parametrize("path", GRADED, ids=lambda path: f"{path.parent.name}-{path.stem}")

@@ -128,7 +128,7 @@ def test_a_mistake_that_follows_from_another_is_told_after_it():
 def test_every_reason_of_a_scorer_is_told_in_both_languages():
     hints = set()
     for lesson in load_rubric().lessons.values():
-        for name in lesson.exercises:
+        for name in lesson.cells():
             for question in questions_of(name)(np.random.default_rng(0)):
                 hints |= {question.hint, *question.also.values()}
     sources = "".join(path.read_text(encoding="utf-8") for path in REASONS.parent.glob("*.py"))

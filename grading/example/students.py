@@ -141,7 +141,7 @@ def hand_in(rubric: Rubric, masters: dict, folder: Path, students: dict[str, Wor
             if not set(rules.exercises) & set(work.cells):
                 continue
             master = masters[lesson]
-            cells = {exercise: _source(exercise, work.cells.get(exercise), master) for exercise in rules.exercises}
+            cells = {exercise: _source(exercise, work.cells.get(exercise), master) for exercise in rules.cells()}
             for words, others in work.own.items():
                 cells = {exercise: source.replace(words, others) for exercise, source in cells.items()}
             text = json.dumps(_notebook(cells, work.forged), ensure_ascii=False, indent=1) + "\n"

@@ -2,12 +2,14 @@
 
 A task is a module with `questions(rng)`, a list of `Question`. Inputs come from a secret seed; expected values are
 computed here, by the library's slow twins or by formulas of this folder, never by what is asked. Questions go from
-plain to special, so that the first that fails names the mistake.
+plain to special, so that the first that fails names the mistake. A task that is no list of questions has
+`play(rng, ask, marks)` in their place.
 """
 
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -53,7 +55,27 @@ class Question:
         return ""
 
 
-def questions_of(exercise: str) -> Callable[[np.random.Generator], list[Question]]:
+Ask = Callable[[dict[str, np.ndarray]], tuple[str, dict[str, np.ndarray]]]
+
+
+@dataclass
+class Marks:
+    """What a task has come to so far.
+
+    Attributes:
+        share: of the exercise's points.
+        passed: whether all of it is right.
+        reason: code of the first mistake.
+        detail: numbers for feedback that tell nothing hidden.
+    """
+
+    share: float = 0.0
+    passed: bool = False
+    reason: str = ""
+    detail: dict = field(default_factory=dict)
+
+
+def _module(exercise: str):
     """The task of an exercise.
 
     Raises:
@@ -62,6 +84,44 @@ def questions_of(exercise: str) -> Callable[[np.random.Generator], list[Question
     if not exercise.isidentifier():
         raise UnusableInput(f"'{exercise}' is no exercise id")
     try:
-        return importlib.import_module(f"grading.tasks.{exercise}").questions
+        return importlib.import_module(f"grading.tasks.{exercise}")
     except ModuleNotFoundError:
         raise UnusableInput(f"exercise '{exercise}' has no scorer: grading/tasks/{exercise}.py is missing") from None
+
+
+def questions_of(exercise: str) -> Callable[[np.random.Generator], list[Question]]:
+    """The questions of an exercise that has some; raises as `task_of` does."""
+    return _module(exercise).questions
+
+
+def task_of(exercise: str) -> Callable[[np.random.Generator, Ask, Marks], None]:
+    """What asks and fills in the marks as it goes, so that they stand where an answer does not come.
+
+    Raises:
+        UnusableInput: there is none, or it is no identifier.
+    """
+    module = _module(exercise)
+    return module.play if hasattr(module, "play") else partial(put, module.questions)
+
+
+def put(questions, rng: np.random.Generator, ask: Ask, marks: Marks) -> None:
+    """Put questions one after the other; each that is answered rightly earns its share.
+
+    Args:
+        questions: function of a generator.
+        rng: from the secret.
+        ask: arrays of a call to (reason code of what was raised, arrays of the answer).
+        marks: filled in.
+    """
+    wrong: list[str] = []
+    marks.detail |= {"right": 0, "asked": 0, "wrong": wrong}
+    for question in questions(rng):
+        marks.detail["asked"] += 1
+        raised, answer = ask(question.arrays)
+        if found := raised or question.judge(answer):
+            wrong += [found] if found not in wrong else []
+            marks.reason = marks.reason or found
+        else:
+            marks.share += question.share
+            marks.detail["right"] += 1
+    marks.passed = marks.detail["right"] == marks.detail["asked"]

@@ -157,6 +157,9 @@ check("update", update)
 #
 # A point on a line, pushed left or right; the reward is $-x^2$, and after 25 steps the clock cuts the episode off. The
 # loop at the end of the next cell is all of PPO: collect (`ppo_loop.py`), estimate, update.
+#
+# Grading puts your `update` into such a loop too, on a line with a goal that nobody tells it: of what could be gained it
+# must reach 70 % after 15 updates. Aim at 80 %; a right one comes to 90 % or more.
 
 # %%
 class Line:
