@@ -1,7 +1,7 @@
 """How sure a rate is: intervals for one arm, difference and exact test for two arms on the same seeds."""
 
 import numpy as np
-from scipy.special import bdtr, betaincinv, ndtri
+from scipy.special import bdtr, betaincinv, betaln, ndtri
 
 
 def _counts(successes, trials):
@@ -62,6 +62,30 @@ def exact_interval(successes, trials, confidence=0.95):
     low = np.where(k == 0, 0.0, betaincinv(np.maximum(k, 1), n - k + 1, tail))
     high = np.where(k == n, 1.0, betaincinv(k + 1, np.maximum(n - k, 1), 1 - tail))
     return low[()], high[()]
+
+
+def repeat_range(successes: int, trials: int, more: int, confidence=0.95) -> tuple[int, int]:
+    """Successes to expect of `more` new trials of the same kind: wider than an interval of the rate, for luck twice.
+
+    Args:
+        successes, trials: what was seen.
+        more: trials to come.
+        confidence: nominal coverage.
+
+    Returns:
+        (least, most) counts.
+
+    Source: the beta-binomial that follows from Jeffreys' prior Beta(1/2, 1/2) for the rate.
+
+    >>> repeat_range(47, 50, 50)
+    (41, 50)
+    """
+    _counts(successes, trials)
+    a, b, counts = successes + 0.5, trials - successes + 0.5, np.arange(more + 1)
+    chances = np.exp(betaln(counts + a, more - counts + b) - betaln(a, b) - betaln(counts + 1, more - counts + 1))
+    below = np.cumsum(chances) / (more + 1)
+    tail = _half_tail(confidence)
+    return int(np.searchsorted(below, tail)), min(more, int(np.searchsorted(below, 1 - tail)))
 
 
 def paired_difference(both, only_a, only_b, neither, confidence=0.95):

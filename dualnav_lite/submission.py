@@ -1,15 +1,17 @@
-"""A student's own check and pack: public checks, a short run of the scenarios, the folder that `grade` takes."""
+"""A student's own check and pack: public checks, some runs of the scenarios, the folder that `grade` takes."""
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from dualnav_lite import __version__
 from dualnav_lite.check import LESSONS
+from dualnav_lite.check.verdict import LANGUAGES, Text, language_of
 from dualnav_lite.chunks import sha256
 from dualnav_lite.config import UnusableInput, write_atomic
 from dualnav_lite.evaluate import evaluate
+from dualnav_lite.metrics import repeat_range
 from dualnav_lite.parts import POLICY, arms_with_parts, export_parts
 from dualnav_lite.survival import survival
 
@@ -18,9 +20,31 @@ STUDENT = re.compile(r"[A-Za-z0-9._-]{1,64}")
 SCENARIOS = ("navigation", "pop_up", "crowd_crossing", "low_light", "comms_dropout")
 FIRST_SEED = 1_060_000  # tuning seeds that no lesson uses
 WEIGHTS = (".onnx", ".pth")
+PASS = Text("{lesson}: {passed} of {n} exercises pass{rest}", "{lesson}：{n} 个练习中 {passed} 个通过{rest}")
+REST = Text("; not yet: {ids}", "；尚未通过：{ids}")
+NO_WEIGHTS = Text(
+    f"no weights/{POLICY}: lesson 11 makes one; the scenarios are left out",
+    f"没有 weights/{POLICY}：第 11 课会生成它；跳过场景测试",
+)
+DRIVES = Text(
+    "your policy drives: {n} runs of each of {scenarios} scenarios, in rooms that no lesson uses",
+    "你的策略开始行驶：{scenarios} 个场景，每个 {n} 次，房间与各课不同",
+)
+SURVIVED = Text("{scenario}: survived {survived} of {n}", "{scenario}：{n} 次中存活 {survived} 次")
+RANGE = Text(
+    "  to expect of {n} runs in other rooms: {least} to {most}; the rate behind it: {low:.0%} to {high:.0%} (95 %)",
+    "  换一批房间再跑 {n} 次，预计存活 {least} 到 {most} 次；真实存活率在 {low:.0%} 到 {high:.0%} 之间（95 %）",
+)
+HAND_IN = Text("hand in this folder: {folder}", "请提交这个文件夹：{folder}")
+MEANS = Text(
+    "  least clearance {clearance:.2f} m, energy {energy:.0f} J, means",
+    "  平均最小间距 {clearance:.2f} m，平均能耗 {energy:.0f} J",
+)
 
 
-def pack(notebooks: str | Path, student: str, out: str | Path, say: Callable[[str], None] = print) -> Path:
+def pack(
+    notebooks: str | Path, student: str, out: str | Path, say: Callable[[str], None] = print, lang: str | None = None
+) -> Path:
     """Write the submission folder from a folder with the lessons.
 
     The manifest repeats what stands beside it (`schema`, `student_id`, `kit_version`, `files` with their SHA-256,
@@ -31,6 +55,7 @@ def pack(notebooks: str | Path, student: str, out: str | Path, say: Callable[[st
         student: id, of letters, digits, dot, - and _.
         out: folder that does not exist yet, or holds an earlier submission.
         say: where lines for people go.
+        lang: as in `check`.
 
     Returns:
         The folder.
@@ -38,7 +63,7 @@ def pack(notebooks: str | Path, student: str, out: str | Path, say: Callable[[st
     Raises:
         UnusableInput: an id that is none, no lesson, an `out` that holds something else.
     """
-    notebooks, out = Path(notebooks), Path(out)
+    notebooks, out, k = Path(notebooks), Path(out), LANGUAGES.index(language_of(lang))
     if not STUDENT.fullmatch(student):
         raise UnusableInput(f"a student id is 1 to 64 letters, digits, '.', '-' or '_', got '{student}'")
     if out.exists() and any(out.iterdir()) and not (out / "manifest.json").exists():
@@ -47,7 +72,9 @@ def pack(notebooks: str | Path, student: str, out: str | Path, say: Callable[[st
     parts = export_parts(notebooks, out.with_name(out.name + "_parts"))
     for lesson in LESSONS:
         ids = [one for one in parts.values() if one.lesson == lesson]
-        say(f"{lesson}: {sum(one.is_yours for one in ids)} of {len(ids)} exercises pass")
+        missing = ", ".join(one.exercise for one in ids if not one.is_yours)
+        rest, passed = REST[k].format(ids=missing) if missing else "", sum(one.is_yours for one in ids)
+        say(PASS[k].format(lesson=lesson, passed=passed, n=len(ids), rest=rest))
     weights = [path for path in sorted((notebooks / "weights").glob("*")) if path.suffix in WEIGHTS]
     files = {path.name: path for path in lessons} | {f"weights/{path.name}": path for path in weights}
     for old in [*out.glob("*.ipynb"), *(out / "weights").glob("*")]:
@@ -63,13 +90,28 @@ def pack(notebooks: str | Path, student: str, out: str | Path, say: Callable[[st
     return out
 
 
-def try_out(notebooks: str | Path, out: str | Path, episodes: int, say: Callable[[str], None] = print) -> None:
-    """Drive the student's policy through the short scenarios and say what range a longer run would find.
+def try_out(
+    notebooks: str | Path,
+    out: str | Path,
+    episodes: int,
+    say: Callable[[str], None] = print,
+    *,
+    jobs: int = 1,
+    lang: str | None = None,
+    scenarios: Sequence[str] = SCENARIOS,
+) -> None:
+    """Drive the student's policy through the scenarios and say what range as many runs in other rooms will find.
 
     Without weights there is nothing to drive, and it says so.
+
+    Args:
+        notebooks, out, say, lang: as in `pack`, which has run before.
+        episodes: of each scenario.
+        jobs: worker processes.
     """
+    k = LANGUAGES.index(language_of(lang))
     if not (Path(notebooks) / "weights" / POLICY).exists():
-        say(f"no weights/{POLICY}: lesson 11 makes one; the scenarios are left out")
+        say(NO_WEIGHTS[k])
         return
     folder = Path(out).with_name(Path(out).name + "_parts")
     try:
@@ -77,9 +119,10 @@ def try_out(notebooks: str | Path, out: str | Path, episodes: int, say: Callable
     except UnusableInput:
         arms = [str((Path(notebooks) / "weights" / POLICY).resolve())]
     seeds = range(FIRST_SEED, FIRST_SEED + episodes)
-    say(f"your policy drives: {episodes} runs of each of {len(SCENARIOS)} scenarios")
-    table = survival(evaluate(arms, list(SCENARIOS), seeds, folder / "results"))
-    for row in table.itertuples():
-        say(f"{row.scenario}: survived {row.survived} of {row.episodes}")
-        say(f"  a longer run finds {row.wilson_low:.0%} to {row.wilson_high:.0%} (95 %)")
-        say(f"  least clearance {row.mean_min_clearance_m:.2f} m, energy {row.mean_energy_j:.0f} J, means")
+    say(DRIVES[k].format(n=episodes, scenarios=len(scenarios)))
+    table = survival(evaluate(arms, list(scenarios), seeds, folder / "results", jobs=jobs))
+    for row in table.set_index("scenario").loc[list(scenarios)].itertuples():
+        least, most = repeat_range(row.survived, row.episodes, row.episodes)
+        say(SURVIVED[k].format(scenario=row.Index, survived=row.survived, n=row.episodes))
+        say(RANGE[k].format(n=row.episodes, least=least, most=most, low=row.wilson_low, high=row.wilson_high))
+        say(MEANS[k].format(clearance=row.mean_min_clearance_m, energy=row.mean_energy_j))

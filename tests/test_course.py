@@ -1,6 +1,7 @@
 """The student version: stubs where solutions were and nothing else; whose part is used; release and export."""
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import fields
@@ -12,8 +13,9 @@ import pytest
 
 from dualnav_lite import course, notebooks, parts, submission
 from dualnav_lite.check import LESSONS
+from dualnav_lite.commands import teaching
 from dualnav_lite.commands.teaching import lessons_in
-from dualnav_lite.config import ROOT, Config, UnusableInput
+from dualnav_lite.config import ROOT, Config, UnusableInput, write_atomic
 from dualnav_lite.evaluate import evaluate, library_arm
 from dualnav_lite.exercises import BEGIN, stub, student_notebook
 from dualnav_lite.rewards import TERMS, Transition
@@ -265,12 +267,39 @@ def test_a_submission_holds_notebooks_weights_and_a_manifest(tmp_path):
     found = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
     assert found == {*(f"{lesson}.ipynb" for lesson in LESSONS), "weights/extra.onnx", "manifest.json"}
     assert set(manifest["files"]) == found - {"manifest.json"}
-    assert f"07_rewards: 0 of {len(LESSONS['07_rewards'])} exercises pass" in said
+    missing = ", ".join(LESSONS["07_rewards"])
+    assert f"07_rewards: 0 of {len(LESSONS['07_rewards'])} exercises pass; not yet: {missing}" in said
     (tmp_path / "课程" / "weights" / "extra.onnx").unlink()
     submission.pack(tmp_path / "课程", "s-01", out, said.append)
     assert not (out / "weights" / "extra.onnx").exists()
     submission.try_out(tmp_path / "课程", out, 1, said.append)
     assert "left out" in said[-1]
+
+
+def test_submit_drives_the_policy_and_says_what_range_to_expect_in_other_rooms(tmp_path, monkeypatch):
+    work = tmp_path / "course"
+    course.write_lessons(work)
+    write_atomic(work / "weights" / "ppo_actor.onnx", (ROOT / "models" / "ppo_actor.onnx").read_bytes())
+    monkeypatch.chdir(tmp_path)
+    said = []
+    out = submission.pack(work, "s-01", "submission_s-01", said.append, "zh")
+    assert said[0].startswith("01_world：3 个练习中 0 个通过；尚未通过：")  # noqa: RUF001
+    for lang, expected in (
+        ("en", r"to expect of 2 runs in other rooms: \d to 2"),
+        ("zh", r"再跑 2 次，预计存活 \d 到 2 次"),  # noqa: RUF001
+    ):
+        said.clear()
+        submission.try_out(work, out, 2, said.append, lang=lang, scenarios=("navigation", "comms_dropout"))
+        assert [re.match(r"\w+", line)[0] for line in said[1::3]] == ["navigation", "comms_dropout"]
+        assert re.search(expected, said[2]), said
+
+
+def test_submit_without_runs_packs_the_folder_that_grading_takes(tmp_path, monkeypatch, capsys):
+    course.write_lessons(tmp_path / "course")
+    monkeypatch.chdir(tmp_path)
+    assert teaching.submit("s-01", None, None, episodes=0, jobs=1, lang=None) == 0
+    assert capsys.readouterr().out.endswith("hand in this folder: submission_s-01\n")
+    assert (tmp_path / "submission_s-01" / "manifest.json").exists()
 
 
 @pytest.mark.parametrize("student", ["", "../x", "a b", "x" * 65])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dualnav_lite.metrics import exact_interval, mcnemar_exact, paired_difference, wilson_interval
+from dualnav_lite.metrics import exact_interval, mcnemar_exact, paired_difference, repeat_range, wilson_interval
 
 # successes, trials, Wilson, Clopper-Pearson: Newcombe, Stat Med 17 (1998) 857, table I.
 NEWCOMBE_SINGLE = [
@@ -57,6 +57,21 @@ def test_exact_interval_covers_at_least_as_often_as_it_says():
     for rate in np.linspace(0.02, 0.98, 25):
         weight = stats.binom.pmf(np.arange(trials + 1), trials, rate)
         assert weight[(low <= rate) & (rate <= high)].sum() >= 0.95
+
+
+@pytest.mark.parametrize(("successes", "trials", "more"), [(0, 50, 20), (47, 50, 50), (50, 50, 50), (25, 50, 80)])
+def test_the_range_of_a_repetition_equals_scipys_beta_binomial(successes, trials, more):
+    ends = stats.betabinom.ppf([0.025, 0.975], more, successes + 0.5, trials - successes + 0.5)
+    assert repeat_range(successes, trials, more) == tuple(ends)
+
+
+def test_a_repetition_falls_into_its_range_about_as_often_as_it_says():
+    rng = np.random.default_rng(5)
+    for rate in (0.5, 0.8, 0.95):
+        first, second = rng.binomial(50, rate, (2, 2000))
+        ranges = {k: repeat_range(k, 50, 50) for k in set(first.tolist())}
+        inside = [ranges[k][0] <= again <= ranges[k][1] for k, again in zip(first.tolist(), second, strict=True)]
+        assert np.mean(inside) > 0.93
 
 
 # both, only a, only b, neither, difference, low, high: Newcombe, Stat Med 17 (1998) 2635, method 10.

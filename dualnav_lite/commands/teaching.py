@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from dualnav_lite.commands import app
+from dualnav_lite.commands import CORES, Jobs, app
 from dualnav_lite.config import UnusableInput
 
 LESSONS = "Folder with your notebooks; course/ (`lab --student`) if not given and there, else notebooks/."
@@ -82,13 +82,16 @@ def submit(
     folder: Annotated[Path | None, typer.Option(help=LESSONS)] = None,
     out: Annotated[Path | None, typer.Option(help="submission_STUDENT if not given.")] = None,
     episodes: Annotated[int, typer.Option(min=0, help="Runs of each scenario; 0 leaves them out.")] = 50,
+    jobs: Jobs = CORES,
+    lang: Annotated[str | None, typer.Option(help="en or zh; $DUALNAV_LANG if not given.")] = None,
 ) -> int:
-    """Check your notebooks, drive your policy a little, and pack the folder that is handed in."""
+    """Check your notebooks, drive your policy, say what range to expect, and pack the folder that is handed in."""
     from dualnav_lite import submission
+    from dualnav_lite.check.verdict import LANGUAGES, language_of
 
     folder = lessons_in(folder)
-    target = submission.pack(folder, student, out or Path(f"submission_{student}"))
+    target = submission.pack(folder, student, out or Path(f"submission_{student}"), lang=lang)
     if episodes:
-        submission.try_out(folder, target, episodes)
-    print(f"hand in this folder: {target}")
+        submission.try_out(folder, target, episodes, jobs=jobs, lang=lang)
+    print(submission.HAND_IN[LANGUAGES.index(language_of(lang))].format(folder=target))
     return 0
