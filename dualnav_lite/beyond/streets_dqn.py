@@ -38,9 +38,9 @@ def train_walker(
     return train_dqn(env, SETTINGS, steps, seed, street_mask, HIDDEN, on_step, targets)
 
 
-def draw_trips(town: Town, count: int):
-    """`count` triples: start, goal and minute of departure, at least `APART_M` apart."""
-    rng = streams.stream(SEEDS["test"].start, "trips")
+def draw_trips(town: Town, count: int, seed: int = SEEDS["test"].start):
+    """`count` triples: start, goal and minute of departure, at least `APART_M` apart; other ones for another seed."""
+    rng = streams.stream(seed, "trips")
     trips: list[tuple[int, int, int]] = []
     while len(trips) < count:
         start, minute = int(rng.integers(len(town.places))), int(rng.integers(DAY_MIN))
