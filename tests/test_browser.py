@@ -86,7 +86,7 @@ def keep_picture(page, folder, name):
 def test_lesson_00_runs_in_jupyterlab_its_robot_is_driven_and_its_film_moves(lab, tmp_path):
     with browser.Browser(tmp_path) as page:
         run_all(page, lab, "00_start_here")
-        film = f"{NOTEBOOK}.querySelector('img[src^=\"data:image/gif\"]')"
+        film = f"{NOTEBOOK}.querySelector('img[src^=\"data:image/webp\"]')"
         assert page.ask(f"{film}.naturalWidth") == 840
         clip = page.place(film)
         shown = {page.picture(clip)}
