@@ -27,7 +27,7 @@ import pandas as pd
 from IPython.display import display
 
 from dualnav_lite.env import DynamicNavEnv
-from dualnav_lite.figures.lesson import BLUE, GREY, ORANGE, RED, film, lesson_style, photo, planned
+from dualnav_lite.figures.lesson import BLUE, GREEN, GREY, ORANGE, film, lesson_style, photo, planned
 from dualnav_lite.lidar import Lidar
 from dualnav_lite.motion import flow_of_frames
 from dualnav_lite.perception import true_movers
@@ -281,7 +281,7 @@ def draw_channels(k):
         axis.imshow(image, cmap="RdBu_r", vmin=-1, vmax=1, extent=(3.2, -3.2, -3.2, 3.2))
         points = points_of(scans[-1])
         axis.plot(points[:, 1], points[:, 0], ",", color="black")
-        axis.plot(0, 0, marker="^", color=RED, markersize=7)
+        axis.plot(0, 0, marker="^", color=GREEN, markersize=7)
         axis.set(title=name, xlabel="to the left [m]", xlim=(3.2, -3.2), ylim=(-3.2, 3.2))
         axis.grid(False)
     axes[0].set_ylabel("ahead [m]")

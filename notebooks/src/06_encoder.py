@@ -40,7 +40,7 @@ import matplotlib.pyplot as plt
 from IPython.display import display
 
 from dualnav_lite.encoder import encode_state as library_encoder
-from dualnav_lite.figures.lesson import drive, film, lesson_style, planned
+from dualnav_lite.figures.lesson import drive, film, lesson_style, photo, planned
 
 lesson_style()
 
@@ -195,21 +195,24 @@ print(f"{len(differences)} images, largest difference {max(differences):.2f}")
 
 
 # %% [markdown]
-# What the policy saw, as a film: map, movers' futures, bands, echoes. Find the moment at which the group sets off.
+# What the policy saw, as a film. Map and echoes: black is 0, bright is 1. Movers and bands: red above 0, blue below.
+# Find the moment at which the group sets off.
 
 # %%
-def coloured(image):
-    """(H, W, 3) uint8 picture of the four channels side by side, a cell five pixels wide."""
-    tiles = []
-    for channel, values in enumerate(image):
-        low = -1.0 if channel in (1, 2) else 0.0
-        colours = plt.get_cmap("RdBu_r" if channel in (1, 2) else "magma")((values - low) / (1.0 - low))
-        tiles.append(np.kron((colours[..., :3] * 255).astype(np.uint8), np.ones((5, 5, 1), np.uint8)))
-        tiles.append(np.full((320, 8, 3), 128, np.uint8))
-    return np.concatenate(tiles[:-1], axis=1)
+def draw_channels(image):
+    """The four channels side by side."""
+    figure, axes = plt.subplots(1, 4, figsize=(11, 3.2))
+    for k, (axis, values) in enumerate(zip(axes, image, strict=True)):
+        low, colours = (-1.0, "RdBu_r") if k in (1, 2) else (0.0, "magma")
+        axis.imshow(values, cmap=colours, vmin=low, vmax=1.0, extent=(3.2, -3.2, -3.2, 3.2))
+        axis.set(title=("map", "where movers will be", "ten bands", "echoes")[k], xlabel="to the left [m]")
+        axis.grid(False)
+    axes[0].set_ylabel("ahead [m]")
+    axes[2].set(xticks=[], yticks=[], xlabel="a stripe a number")
+    return figure
 
 
-display(film([coloured(image) for image in seen[:: 15 if quick else 3]], width=1000))
+display(film([photo(draw_channels(image)) for image in seen[:: 15 if quick else 6]], 300, 900))
 
 # %% [markdown]
 # Ask the bands what the robot knew, and compare the first image's with the table of part 2:

@@ -67,7 +67,7 @@ def three_robots(form, **parts):
         name: {"outcome": run["outcome"], "steps": len(run["table"]), "G": discounted(run["table"].reward)}
         for name, run in runs.items()
     }
-    return pd.DataFrame(rows).T
+    return pd.DataFrame(rows).T.astype({"G": float}).round(1)
 
 
 article = three_robots("article")

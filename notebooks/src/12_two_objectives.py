@@ -130,8 +130,8 @@ figure, axis = plt.subplots(figsize=(7, 3.8))
 for (arm, one), colour in zip(points.groupby("arm"), (ORANGE, BLUE), strict=True):
     axis.plot(one.energy_j, one.safe_dist_m, "o-", color=colour, linewidth=1, label=arm)
     for row in (one.iloc[0], one.iloc[-1]):  # the ends of the knob
-        place = {"textcoords": "offset points", "ha": "center", "color": colour}
-        axis.annotate(f"{row.speed} m/s", (row.energy_j, row.safe_dist_m), (0, -16), **place)
+        place = {"textcoords": "offset points", "color": colour}
+        axis.annotate(f"{row.speed} m/s", (row.energy_j, row.safe_dist_m), (9, -4), **place)
 chosen = points[points.front]
 axis.plot(chosen.energy_j, chosen.safe_dist_m, "o", markersize=13, markerfacecolor="none", color=RED, label="front")
 axis.set(xlabel="energy a goal [J]", ylabel="mean least clearance [m]", title="up and left is better")
@@ -170,6 +170,7 @@ commands = [(0.0, 0.2, 1.0), (0.5, 0.0, 25.0)]  # v [m/s], omega [rad/s], second
 you = HandDriver(seed=ROOM)
 for command in commands:
     you.go(*command)
+star = you.point
 print("you:", you.words())
 # expect: you: goal after 13.6 s: safe distance 0.25 m, energy 183 J
 
@@ -214,7 +215,10 @@ show_room()
 you.panel()
 
 # %%
-show_room()
+if you.point == star:
+    print("drive with the sliders, then run this cell again")
+else:
+    show_room()
 
 
 # %% [markdown]

@@ -57,7 +57,7 @@ observation, info = env.reset(seed=4)
 before = env.render()
 for _ in range(12):
     observation, reward, terminated, truncated, info = env.step([1.0, 0.3])
-figure, axes = plt.subplots(1, 2, figsize=(10, 2.8))
+figure, axes = plt.subplots(1, 2, figsize=(10, 2.8), facecolor="white")  # no ticks, so no light card of Jupyter's
 for axis, picture, title in zip(axes, (before, env.render()), ("start", "after 2.4 s"), strict=True):
     axis.imshow(picture)
     axis.set(title=title, xticks=[], yticks=[])
@@ -99,7 +99,7 @@ def car_safe(clearance, time_gap, safe_m):
 check("car_safe", car_safe)
 
 # %% [markdown]
-# Why seconds, and not metres, behind another car? At 25 m/s, two metres are nothing:
+# Why seconds, and not metres, behind another car? At 25 m/s, eight metres are nothing:
 
 # %%
 for speed in (3.0, 25.0):
