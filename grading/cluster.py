@@ -62,7 +62,7 @@ def run_on_cluster(room: Room, todo: list[tuple[Submission, Path]], cluster: str
     given = (room.rubric, room.secret, room.tier, room.limits, room.fingerprint())
     done, problem = 0, ""
     with pool(cluster=cluster) as parallel:
-        answers = parallel(joblib.delayed(grade_there)(*given, task) for task in todo)
+        answers = parallel(joblib.delayed(grade_there)(*given, (one.packed(), path)) for one, path in todo)
         try:
             for path, result, times in answers:
                 if result is None:

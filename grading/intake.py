@@ -1,7 +1,8 @@
 """Submissions as they come from disk: plain folders or Moodle's bulk download, opened with care.
 
 Nothing is followed, nothing special is opened, and what is read is bounded. A folder with something hostile in it is
-rejected as a whole, with a reason code; the others are not touched by it.
+rejected as a whole, with a reason code; the others are not touched by it. Of a class only hashes stay in memory: files
+are read again, and compared with their hash, when their turn comes.
 """
 
 import hashlib
@@ -10,13 +11,13 @@ import os
 import re
 import stat
 import unicodedata
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from dualnav_lite.config import UnusableInput
 
 PACKED = "submission_"  # `kit.py submit` names its folder so, with the student's id behind
-MOODLE = re.compile(r"(?P<name>.+)_(?P<id>\d+)_assignsubmission_file_?", re.DOTALL)
+MOODLE = re.compile(r"(?P<name>.+)_(?P<id>\d+)_assignsubmission_(?P<kind>[a-z]+)_?", re.DOTALL)
 MOST_FILE = 32 << 20
 MOST_TOTAL = 128 << 20
 MOST_FILES = 500
@@ -31,6 +32,10 @@ class Rejected(ValueError):
     """A submission that is not opened; its text is a reason code."""
 
 
+class Changed(Exception):
+    """What was handed in is no longer what it was when it was hashed."""
+
+
 @dataclass
 class Submission:
     """What was handed in.
@@ -38,16 +43,41 @@ class Submission:
     Attributes:
         student_id: Moodle's number, else the folder's name without the `submission_` of `kit.py submit`.
         folder: its name on disk, which Moodle's feedback takes back.
-        files: content by file name, of the files that grading knows.
+        files: path by file name, of the files that grading knows.
         rejected: reason code, empty where it can be graded.
         sha256: of the files' names and bytes.
+        content: by file name, for a machine on which the paths lead nowhere.
     """
 
     student_id: str
     folder: str
-    files: dict[str, bytes] = field(default_factory=dict)
+    files: dict[str, str] = field(default_factory=dict)
     rejected: str = ""
     sha256: str = ""
+    content: dict[str, bytes] | None = None
+
+    def read(self) -> dict[str, bytes]:
+        """Content by file name.
+
+        Raises:
+            Changed: it is not what was hashed.
+        """
+        if self.content is not None or not self.files:
+            return self.content or {}
+        try:
+            content = {name: _read(path) for name, path in self.files.items()}
+        except (OSError, Rejected):
+            raise Changed from None
+        if digest({name: _sha256(one) for name, one in content.items()}) != self.sha256:
+            raise Changed
+        return content
+
+    def packed(self) -> "Submission":
+        """With its content, to be sent elsewhere; without it where it has changed, so that nobody grades it there."""
+        try:
+            return replace(self, content=self.read())
+        except Changed:
+            return self
 
 
 def is_plain(name: str) -> bool:
@@ -96,25 +126,31 @@ def _read(path: str) -> bytes:
     return content
 
 
-def _taken(folder: Path, wanted: frozenset[str]) -> dict[str, bytes]:
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _taken(folder: Path, wanted: frozenset[str]) -> tuple[dict[str, str], str]:
+    """Path by file name of the wanted files, and their hash."""
     found: list[tuple[str, int]] = []
     _walk(str(folder), 0, found, [])
-    files: dict[str, bytes] = {}
+    files: dict[str, str] = {}
+    hashes: dict[str, str] = {}
     for path, _ in found:
         name = os.path.basename(path)
         if name in wanted:
             if name in files:
                 raise Rejected("file_twice")
-            files[name] = _read(path)
+            files[name], hashes[name] = path, _sha256(_read(path))
     if not files and any(path.lower().endswith(ARCHIVES) for path, _ in found):
         raise Rejected("still_packed")
-    return files
+    return files, digest(hashes)
 
 
-def digest(files: dict[str, bytes]) -> str:
-    """One hash of names and bytes."""
-    lines = [f"{name}\0{hashlib.sha256(content).hexdigest()}" for name, content in sorted(files.items())]
-    return hashlib.sha256("\n".join(lines).encode("utf-8")).hexdigest()
+def digest(hashes: dict[str, str]) -> str:
+    """One hash of names and of the files' hashes."""
+    lines = [f"{name}\0{one}" for name, one in sorted(hashes.items())]
+    return _sha256("\n".join(lines).encode("utf-8"))
 
 
 def take_in(folder: Path, wanted: frozenset[str]) -> list[Submission]:
@@ -125,23 +161,35 @@ def take_in(folder: Path, wanted: frozenset[str]) -> list[Submission]:
         wanted: names of the files that grading knows, such as `07_rewards.ipynb`.
 
     Raises:
-        UnusableInput: no such folder, nothing in it, or two folders of one student.
+        UnusableInput: no such folder, nothing in it, or two folders of one student; names that a person cannot tell
+            apart, since their letters are only composed in another way, are of one student.
     """
     if not folder.is_dir():
         raise UnusableInput(f"{folder}: no such folder")
-    found = []
+    found, typed = [], []
     for entry in os.scandir(folder):
         if entry.name.startswith("."):
             continue
         if not entry.is_dir(follow_symlinks=False) and not entry.is_symlink():
             continue  # a worksheet or a note beside the submissions
-        found.append(_one(entry, wanted))
+        moodle = MOODLE.fullmatch(entry.name)
+        if moodle and moodle["kind"] != "file":
+            typed.append(moodle["id"])
+        else:
+            found.append(_one(entry, wanted))
+    handed_in = {one.student_id for one in found}
+    nothing = digest({})
+    found += [Submission(one, "", rejected="online_text", sha256=nothing) for one in {*typed} - handed_in]
     found.sort(key=lambda one: one.student_id)
     if not found:
         raise UnusableInput(f"{folder}: holds no submission; each student has a folder of his own in it")
-    for one, other in itertools.pairwise(found):
-        if one.student_id == other.student_id:
-            raise UnusableInput(f"{folder}: two folders are of the same student; keep the one that counts")
+    known: dict[str, str] = {}
+    for one in found:
+        student = unicodedata.normalize("NFC", one.student_id)
+        if student in known:
+            both = f"{known[student]!a} and {one.folder!a}"
+            raise UnusableInput(f"{folder}: {both} are folders of the same student; keep the one that counts")
+        known[student] = one.folder
     return found
 
 
@@ -161,10 +209,9 @@ def _one(entry, wanted: frozenset[str]) -> Submission:
     try:
         if entry.is_symlink():
             raise Rejected("symbolic_link")
-        submission.files = _taken(Path(entry.path), wanted)
+        submission.files, submission.sha256 = _taken(Path(entry.path), wanted)
     except Rejected as reason:
-        submission.rejected, submission.files = str(reason), {}
+        submission.rejected, submission.sha256 = str(reason), digest({})
     except OSError:
-        submission.rejected, submission.files = "cannot_be_read", {}
-    submission.sha256 = digest(submission.files)
+        submission.rejected, submission.sha256 = "cannot_be_read", digest({})
     return submission

@@ -117,8 +117,9 @@ class Drives:
 
 def judge_survival(drives: Drives, policy: Policy) -> tuple[Outcome, list[dict]]:
     """Outcome of `survival`, and a line a scenario for `survival.csv`."""
-    rule, table = policy.survival, []
-    for scenario, threshold in rule.thresholds.items():
+    table = []
+    for scenario, threshold in policy.survival.thresholds.items():
+        rule = policy.survival.of(scenario)
         for count in survival.looks(rule):
             rows = drives.rows(scenario, PREFERENCE, count)
             kinds = [OUTCOMES[row["outcome"]] for row in rows]

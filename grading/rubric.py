@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from dualnav_lite.config import Frozen, Positive, Share, read_yaml, validated
+from dualnav_lite.scenario import load_scenario
 from grading.tasks import task_of
 
 RUBRIC = Path(__file__).resolve().parent / "rubric.yaml"
@@ -34,6 +35,7 @@ class Survival(Frozen):
         margin: what students are told to aim at lies so far above the threshold.
         confidence: of the exact interval, over all looks at it together.
         first, most: seeds of a scenario at the first look, and at the last.
+        seeds: of scenarios that are looked at once, after so many, such as a three-hour run.
     """
 
     points: Points
@@ -42,12 +44,21 @@ class Survival(Frozen):
     confidence: Annotated[float, Field(gt=0.5, lt=1)] = 0.95
     first: Count = 20
     most: Count = 80
+    seeds: dict[str, Count] = Field(default={})
 
     @model_validator(mode="after")
     def _ordered(self):
         if self.most < self.first:
             raise ValueError("most is less than first")
+        strangers = sorted(set(self.seeds) - set(self.thresholds))
+        if strangers:
+            raise ValueError(f"seeds names '{strangers[0]}', which has no threshold")
         return self
+
+    def of(self, scenario: str) -> "Survival":
+        """The rule of one scenario."""
+        count = self.seeds.get(scenario)
+        return self.model_copy(update={"first": count, "most": count}) if count else self
 
 
 Objectives = dict[Literal["safe_dist_m", "energy_j_per_goal"], float]
@@ -158,10 +169,14 @@ def load_rubric(path: Path = RUBRIC) -> Rubric:
     """The rubric in a file.
 
     Raises:
-        UnusableInput: it cannot be read, something in it does not fit, or an exercise has no scorer.
+        UnusableInput: it cannot be read, something in it does not fit, an exercise has no scorer, no such scenario.
     """
     rubric = validated(Rubric, read_yaml(path), path.name)
     for lesson in rubric.lessons.values():
         for name in lesson.exercises:
             task_of(name)
+    if rubric.policy:
+        further = [rubric.policy.hypervolume.scenario] if rubric.policy.hypervolume else []
+        for name in [*rubric.policy.survival.thresholds, *further]:
+            load_scenario(name)
     return rubric

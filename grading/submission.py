@@ -5,7 +5,7 @@ import time
 from dataclasses import asdict
 
 from grading import __version__
-from grading.intake import Submission
+from grading.intake import Changed, Submission
 from grading.lesson import Outcome, grade_lesson
 from grading.policy import grade_policy
 from grading.rebuild import Unreadable, normalised, solution_cells
@@ -13,7 +13,12 @@ from grading.room import ENDINGS, Room
 
 
 def grade_one(room: Room, submission: Submission) -> dict:
-    """The content of a submission's result file, but for times."""
+    """The content of a submission's result file, but for times.
+
+    Raises:
+        Changed: what was handed in is no longer what it was.
+    """
+    files = submission.read()
     outcomes: dict[str, Outcome] = {}
     prints: dict[str, str] = {}
     library: dict[str, str] = {}
@@ -21,7 +26,7 @@ def grade_one(room: Room, submission: Submission) -> dict:
     for name, lesson in room.rubric.lessons.items():
         sources: dict[str, str] = {}
         problem = submission.rejected
-        content = submission.files.get(f"{name}.ipynb")
+        content = files.get(f"{name}.ipynb")
         if not problem:
             try:
                 sources = solution_cells(content, lesson.cells()) if content is not None else {}
@@ -39,7 +44,7 @@ def grade_one(room: Room, submission: Submission) -> dict:
                 prints[exercise] = _print(source)
                 library[exercise] = _print(room.masters[name].solutions[exercise])
     if room.rubric.policy:
-        outcomes |= _policy(room, submission, prints, library)
+        outcomes |= _policy(room, submission, files, prints, library)
     return {
         "assignment": room.rubric.assignment,
         "student_id": submission.student_id,
@@ -57,17 +62,26 @@ def grade_one(room: Room, submission: Submission) -> dict:
 def grade_timed(room: Room, submission: Submission) -> tuple[dict | None, dict]:
     """The same, None where something stayed ungraded so that the next run tries again; and how long it took."""
     start = time.time()
-    result = grade_one(room, submission)
+    try:
+        result = grade_one(room, submission)
+    except Changed:
+        return None, {}
     times = {"student_id": submission.student_id, "started": round(start), "seconds": round(time.time() - start, 1)}
     ungraded = any(outcome["status"] == "ungraded" for outcome in result["outcomes"].values())
     return None if ungraded else result, times
 
 
-def _policy(room: Room, submission: Submission, prints: dict[str, str], library: dict[str, str]) -> dict[str, Outcome]:
+def _policy(
+    room: Room,
+    submission: Submission,
+    files: dict[str, bytes],
+    prints: dict[str, str],
+    library: dict[str, str],
+) -> dict[str, Outcome]:
     """Outcomes of the policy task; a hash of the weights goes into `prints`, since copies are reported."""
     policy = room.rubric.policy
     names = [f"{policy.weights}{ending}" for ending in ENDINGS]
-    found = next((submission.files[name] for name in names if name in submission.files), None)
+    found = next((files[name] for name in names if name in files), None)
     if submission.rejected or not found:
         return dict.fromkeys(policy.points(), Outcome(0.0, "not_run", submission.rejected or "no_weights"))
     own = hashlib.sha256(found).hexdigest()

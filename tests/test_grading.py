@@ -5,7 +5,9 @@ import importlib
 import os
 import shutil
 import stat
+import tracemalloc
 import types
+import unicodedata
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +17,15 @@ from dualnav_lite.config import UnusableInput
 from dualnav_lite.exercises import stub
 from grading import tasks
 from grading.adapters import ADAPTERS
-from grading.intake import take_in
+from grading.feedback import reasons as reason_texts
+from grading.intake import Changed, take_in
 from grading.masking import masked, masked_copy
 from grading.probe import leaks, probe
 from grading.rebuild import read_master, rebuilt, solution_cells
 from grading.room import NOTEBOOKS, PACKAGE
 from grading.rubric import load_rubric
 from grading.secret import Secret, load_secret, make_key
+from grading.submission import grade_timed
 from grading.tables import defused, to_csv
 from grading.tasks import questions_of
 from grading.tiers import choose_tier
@@ -225,3 +229,42 @@ def test_what_kit_submit_packs_is_of_the_student_whom_it_names(tmp_path):
     (tmp_path / "anna").mkdir()
     with pytest.raises(UnusableInput, match="same student"):
         take_in(tmp_path, WANTED)
+
+
+def test_two_spellings_of_one_name_are_told_apart_by_their_bytes_and_never_merged(tmp_path):
+    for form in ("NFC", "NFD"):
+        (tmp_path / unicodedata.normalize(form, "josé")).mkdir()
+    with pytest.raises(UnusableInput, match=r"'jose\\u0301' and 'jos\\xe9' are folders of the same student"):
+        take_in(tmp_path, WANTED)
+
+
+def test_text_typed_into_moodle_is_passed_over_and_has_a_reason_where_nothing_else_came(tmp_path):
+    for name in ("A_7_assignsubmission_file_", "A_7_assignsubmission_onlinetext_", "B_8_assignsubmission_onlinetext_"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "07_rewards.ipynb").write_text("{}", encoding="utf-8")
+    found = [(one.student_id, one.rejected, len(one.files)) for one in take_in(tmp_path, WANTED)]
+    assert found == [("7", "", 1), ("8", "online_text", 0)]
+    assert {"en", "zh"} == set(reason_texts()["online_text"])
+
+
+def test_only_hashes_of_a_class_stay_in_memory_and_what_changes_since_is_not_graded(tmp_path):
+    for k in range(30):
+        (tmp_path / "class" / f"s{k:02}").mkdir(parents=True)
+        (tmp_path / "class" / f"s{k:02}" / "07_rewards.ipynb").write_bytes(bytes([k]) * (1 << 20))
+    tracemalloc.start()
+    try:
+        found = take_in(tmp_path / "class", WANTED)
+        kept = tracemalloc.get_traced_memory()[0]
+    finally:
+        tracemalloc.stop()
+    assert kept < 1 << 18
+    one = found[3]
+    assert one.read() == {"07_rewards.ipynb": b"\3" * (1 << 20)}
+    packed = one.packed()
+    (tmp_path / "class" / "s03" / "07_rewards.ipynb").write_bytes(b"another")
+    with pytest.raises(Changed):
+        one.read()
+    assert grade_timed(None, one) == (None, {})
+    assert packed.read() == {"07_rewards.ipynb": b"\3" * (1 << 20)}  # sent before it changed
+    shutil.rmtree(tmp_path / "class" / "s03")
+    assert grade_timed(None, one.packed()) == (None, {})

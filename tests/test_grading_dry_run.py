@@ -3,21 +3,24 @@
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from dualnav_lite.check import rewards as checks
+from dualnav_lite.exercises import stub
 from grading import dry_run as dry
 from grading import self_check
 from grading.adapters import ADAPTERS
 from grading.example.graded import example_rubric
 from grading.job import Limits
 from grading.lesson import Outcome, grade_lesson, untouched
-from grading.room import prepared
+from grading.rebuild import read_master
+from grading.room import NOTEBOOKS, prepared
 from grading.rubric import load_rubric
 from grading.secret import Secret
-from grading.tasks import Question, questions_of
+from grading.tasks import Marks, Question, task_of
 from tests.test_attacks import works
 
 MUTANTS = Path(__file__).parent / "mutants"
@@ -30,21 +33,24 @@ def graded_here(setting, sources):
     for kind, value in setting.master.order:
         if kind == "given":
             exec(value, names)
-    for exercise in setting.lesson.exercises:
-        source = sources.get(exercise, setting.master.stubs[exercise])
-        if untouched(source, setting.master.stubs[exercise]):
+    for exercise, rule in setting.lesson.exercises.items():
+        cell = rule.of or exercise
+        source = sources.get(cell, setting.master.stubs[cell])
+        if untouched(source, setting.master.stubs[cell]):
             outcomes[exercise] = Outcome(0.0, "not_run", "not_done")
             continue
         exec(source, names)
-        share, found = 0.0, []
-        for question in questions_of(exercise)(np.random.default_rng(3)):
+        kept: dict = {}
+
+        def ask(arrays, exercise=exercise, kept=kept):
             try:
-                reason = question.judge(ADAPTERS[exercise](names, question.arrays, {}))
+                return "", ADAPTERS[exercise](names, arrays, kept)
             except Exception as error:
-                reason = f"raised_{type(error).__name__}"
-            share, found = share + question.share * (reason == ""), [*found, reason]
-        reason = next(filter(None, found), "")
-        outcomes[exercise] = Outcome(share, "partial" if reason else "passed", reason)
+                return f"raised_{type(error).__name__}", {}
+
+        marks = Marks()
+        task_of(exercise)(np.random.default_rng(3), ask, marks)
+        outcomes[exercise] = Outcome(marks.share, "passed" if marks.passed else "partial", marks.reason)
     return outcomes, {}
 
 
@@ -123,6 +129,21 @@ def test_too_few_mutants_are_told(room, mutants):
     for path in (mutants / "goal").glob("[!r]*.py"):
         path.unlink()
     assert problems(room, mutants) == ["goal: has 0 mutants, needs 3"]
+
+
+def test_a_further_task_is_tried_on_its_cell_and_its_hint_stands_in_the_feedback(monkeypatch):
+    monkeypatch.setattr(dry, "grade_lesson", graded_here)
+    lesson = load_rubric().lessons["10_ppo"]
+    setting = SimpleNamespace(lesson=lesson, master=read_master(NOTEBOOKS / "10_ppo.ipynb", stub))
+    room = SimpleNamespace(setting=lambda name: setting)
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in (MUTANTS / "learning").glob("*.py")}
+    few = {name: texts[name] for name in ("no_step", "right_in_one_loop")}
+    few["slow"] = texts["no_step"].replace("is not learned", "is learned slowly")
+    few["right"] = texts["climbs_down"].replace("# hint: is not learned", "# right")
+    assert dry._tried(room, "10_ppo", "learning", few) == [
+        "feedback gives no fitting hint to mutant 'slow'",
+        "right solution 'right' gets does_not_learn",
+    ]
 
 
 def test_a_part_that_raises_costs_its_own_points_and_no_more():

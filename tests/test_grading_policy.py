@@ -17,7 +17,7 @@ from grading.adapters import ADAPTERS
 from grading.job import Limits
 from grading.lesson import Outcome
 from grading.policy import Drives, PolicyEnded, RemotePolicy, judge_hypervolume, judge_survival
-from grading.rubric import Hypervolume, Policy, Rubric, Survival, load_rubric
+from grading.rubric import RUBRIC, Hypervolume, Policy, Rubric, Survival, load_rubric
 from grading.secret import Secret
 from grading.tasks import hypervolume, survival
 
@@ -133,6 +133,25 @@ def test_a_rubric_that_does_not_add_up_is_refused(tmp_path):
             Survival.model_validate(RULE.model_dump() | {name: wrong})
     (tmp_path / "rubric.yaml").write_text("total: [", encoding="utf-8")
     with pytest.raises(UnusableInput, match="not valid YAML in line 1"):
+        load_rubric(tmp_path / "rubric.yaml")
+
+
+def test_a_three_hour_run_is_looked_at_once_and_the_full_course_asks_the_same_lessons():
+    rule = RULE.model_copy(update={"thresholds": {"navigation": 0.6, "battery": 1.0}, "seeds": {"battery": 1}})
+    assert survival.looks(rule.of("battery")) == [1]
+    assert survival.looks(rule.of("navigation")) == [20, 40, 80]
+    assert [survival.decide(n, 1, 1.0, rule.of("battery")) for n in (0, 1)] == [survival.FAILED, survival.PASSED]
+    with pytest.raises(ValueError, match="'battery', which has no threshold"):
+        Survival.model_validate(RULE.model_dump() | {"seeds": {"battery": 1}})
+    full, usual = load_rubric(RUBRIC.with_name("full.yaml")), load_rubric()
+    assert (full.lessons, full.policy.survival.of("battery").most) == (usual.lessons, 1)
+    assert (full.policy.survival.first, full.policy.survival.most) == (200, 200)
+
+
+def test_a_misspelt_scenario_is_told_before_anybody_is_graded(tmp_path):
+    text = RUBRIC.read_text(encoding="utf-8").replace("low_light: 0.65", "low_lihgt: 0.65")
+    (tmp_path / "rubric.yaml").write_text(text, encoding="utf-8")
+    with pytest.raises(UnusableInput, match="unknown scenario 'low_lihgt'"):
         load_rubric(tmp_path / "rubric.yaml")
 
 
