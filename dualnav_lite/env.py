@@ -42,9 +42,9 @@ class OneWorld(gymnasium.Env):
             raise ValueError(f"an action must have shape (2,) (v [m/s], omega [rad/s]), got {action.shape}")
         observations, reward, terminated, truncated, infos = self.worlds.step(action[None])
         info = split_infos(infos, 1)[0]
-        if "page" in info:
-            self.episode_safe_dists.append(float(info["page"]["min_clearance_m"]))
-            self.episode_energy_costs.append(float(info["page"]["energy_j"]))
+        if "summary" in info:
+            self.episode_safe_dists.append(float(info["summary"]["min_clearance_m"]))
+            self.episode_energy_costs.append(float(info["summary"]["energy_j"]))
         return observations[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
     def render(self):
@@ -71,9 +71,9 @@ class DynamicNavEnv(OneWorld):
 
     ## Episode
     `terminated`: goal reached (within 0.4 m), contact, flat battery. `truncated`: out of time (twice the shortest path
-    at 0.8 m/s and 15 s). The last step's `info["page"]` holds the columns of `episodes.csv`; `info["episode"]` is left
-    to Gymnasium's `RecordEpisodeStatistics`. A long run (`battery`) lasts three hours, with a goal every 20 s and no
-    end at a contact.
+    at 0.8 m/s and 15 s). The last step's `info["summary"]` holds the columns of `episodes.csv`; `info["episode"]` is
+    left to Gymnasium's `RecordEpisodeStatistics`. A long run (`battery`) lasts three hours, with a goal every 20 s and
+    no end at a contact.
 
     ## Scenarios
     navigation, pop_up, crowd_crossing, crowd_reactive, low_light, battery, comms_dropout and their variants: see

@@ -77,7 +77,7 @@ def _run_worlds(chunk: Chunk, seeds, config, num_envs, make_planner, make_env) -
 
 def _row(chunk: Chunk, planner, seed: int, info: dict) -> dict:
     """The row of an episode that just ended, from what its world counted."""
-    row = dict.fromkeys(COLUMNS) | {name: value for name, value in info["page"].items() if name in COLUMNS}
+    row = dict.fromkeys(COLUMNS) | {name: value for name, value in info["summary"].items() if name in COLUMNS}
     return row | _identity(chunk, planner, seed) | {"preference": info["preference"]}
 
 

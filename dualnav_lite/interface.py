@@ -84,11 +84,11 @@ def restarted_infos(ended: dict[str, Any], fresh: dict[str, Any], final_obs, mas
         mask: (n,) bool, where it did.
 
     Returns:
-        The fresh ones with the step's rewards and pages, and what the ended episodes last showed in `final_*`.
+        The fresh ones with the step's rewards and summary, and what the ended episodes last showed in `final_*`.
     """
-    of_the_step = ("reward_terms", "vector_reward", "reward_weights", "clipped", "page", "_page")
+    of_the_step = ("reward_terms", "vector_reward", "reward_weights", "clipped", "summary", "_summary")
     kept = {key: ended[key] for key in of_the_step if key in ended}
-    final_info = {key: value for key, value in ended.items() if key not in ("page", "_page")}
+    final_info = {key: value for key, value in ended.items() if key not in ("summary", "_summary")}
     final = {"final_obs": final_obs, "_final_obs": mask, "final_info": final_info, "_final_info": mask}
     return {**fresh, **kept, **final}
 

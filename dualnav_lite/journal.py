@@ -72,7 +72,7 @@ class Journal:
         self.turn_sign[rows] = np.where(turn != 0, turn, before)
         self.reward_sums[rows] += rewards[rows]
 
-    def page(self, dt: float, battery, events, first_event_s, contact, outcomes, reasons) -> dict[str, np.ndarray]:
+    def summary(self, dt: float, battery, events, first_event_s, contact, outcomes, reasons) -> dict[str, np.ndarray]:
         """The columns of `episodes.csv` that the environment measures, as (n,) arrays.
 
         Args:

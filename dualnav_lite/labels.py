@@ -195,7 +195,7 @@ def collect(actor: Actor | None, settings, config: Config, scenarios, seed: int,
         observations, _, terminations, truncations, infos = env.step(actions)
         ended = np.flatnonzero(terminations | truncations)
         if len(ended):
-            survived += (infos["page"]["outcome"][ended] == "goal").tolist()
+            survived += (infos["summary"]["outcome"][ended] == "goal").tolist()
         teacher.reset(ended)
         reader.reset(ended)
         if progress:

@@ -57,10 +57,10 @@ class Reporter:
 
     def take(self, infos, step: int) -> None:
         """Count the episodes that ended in a step."""
-        if "page" not in infos:
+        if "summary" not in infos:
             return
-        page = infos["page"]
-        for i in np.flatnonzero(infos["_page"]):
+        page = infos["summary"]
+        for i in np.flatnonzero(infos["_summary"]):
             self._recent.append((page["min_clearance_m"][i], page["energy_j"][i], page["outcome"][i] == "goal"))
             self.episodes += 1
             if self.episodes % EPISODES_A_REPORT == 0:

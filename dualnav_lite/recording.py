@@ -115,7 +115,7 @@ def drive(
             is_over = terminated | truncated
             ended = [i for i in np.flatnonzero(active) if is_over[i] or len(tapes[i].frames) >= most_frames]
             for i in ended:
-                page = {name: values[i] for name, values in infos["page"].items()} if is_over[i] else {}
+                page = {name: values[i] for name, values in infos["summary"].items()} if is_over[i] else {}
                 yield tapes[i].cut(scenario.id, arm, current[i], infos["map"][i].copy(), page)
             active[ended] = False
             fresh = ended[: len(waiting)]

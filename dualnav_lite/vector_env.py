@@ -257,10 +257,10 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
         return infos
 
     def _add_pages(self, infos, ended, surfaces) -> None:
-        """Put the finished episodes' measurements into `infos["page"]`."""
+        """Put the finished episodes' measurements into `infos["summary"]`."""
         if ended.any():
             sim = self.sim
-            infos["page"] = self.journal.page(
+            infos["summary"] = self.journal.summary(
                 self.config.control_dt_s,
                 sim.robots.battery,
                 sim.movers.events,
@@ -269,9 +269,9 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
                 self.task.outcomes,
                 self.task.reasons,
             )
-            infos["page"]["scenario"] = np.array([scenario.id for scenario in sim.scenarios], dtype=object)
-            infos["page"]["seed"] = np.array([layout.seed for layout in sim.layouts], dtype=object)
-            infos["_page"] = ended.copy()
+            infos["summary"]["scenario"] = np.array([scenario.id for scenario in sim.scenarios], dtype=object)
+            infos["summary"]["seed"] = np.array([layout.seed for layout in sim.layouts], dtype=object)
+            infos["_summary"] = ended.copy()
 
     def _restart(self, infos) -> dict[str, Any]:
         """Same-step autoreset: begin anew where an episode ended; its last observation and info are kept."""

@@ -150,8 +150,8 @@ def discounted_returns(driver, num_envs=40):
         _, reward, _, _, infos = env.step(driver(infos))
         returns += discount * reward
         discount *= 0.99
-        if "page" in infos:
-            outcomes = np.where(infos["_page"], infos["page"]["outcome"], outcomes)
+        if "summary" in infos:
+            outcomes = np.where(infos["_summary"], infos["summary"]["outcome"], outcomes)
     return returns, outcomes
 
 
@@ -189,7 +189,7 @@ def test_time_runs_out_as_truncation_not_as_termination():
     assert truncated
     assert not terminated
     assert steps == pytest.approx(limit / 0.1, abs=1.01)
-    assert info["page"]["outcome"] == "timeout"
+    assert info["summary"]["outcome"] == "timeout"
     assert env.episode_energy_costs == [pytest.approx(5.0 * 0.1 * steps)]
 
 
@@ -201,7 +201,7 @@ def test_a_flat_battery_ends_the_run():
         _, _, terminated, _, info = env.step([0.0, 0.0])
         if terminated:
             break
-    assert info["page"]["outcome"] == "flat_battery"
+    assert info["summary"]["outcome"] == "flat_battery"
     assert info["battery"] == 0.0
 
 
@@ -219,7 +219,7 @@ def test_same_step_autoreset_hands_out_the_last_observation_and_the_next_first()
             assert not np.array_equal(infos["final_obs"][i], observations[i])
             assert infos["time_s"][i] == 0.0
             assert infos["final_info"]["time_s"][i] > 1.0
-            assert infos["page"]["outcome"][i]
+            assert infos["summary"]["outcome"][i]
             return
     pytest.fail("no episode ended")
 
@@ -340,7 +340,7 @@ def test_it_is_registered_and_reads_the_article_s_config(tmp_path):
 
 
 @pytest.mark.parametrize("num_envs", [None, 2])
-def test_gymnasium_s_record_of_episodes_stands_beside_the_page(num_envs):
+def test_gymnasium_s_record_of_episodes_stands_beside_the_summary(num_envs):
     if num_envs is None:
         env = gymnasium.wrappers.RecordEpisodeStatistics(gymnasium.make("DualNav-v0", scenario="crowd_crossing"))
     else:
@@ -352,8 +352,8 @@ def test_gymnasium_s_record_of_episodes_stands_beside_the_page(num_envs):
         action = seek({"goal_robot": np.atleast_2d(info["goal_robot"])})
         _, reward, terminated, truncated, info = env.step(action if num_envs else action[0])
         total, ended = total + reward, np.logical_or(terminated, truncated)
-    ended, page, record = np.atleast_1d(ended), info["page"], info["episode"]
-    assert (np.atleast_1d(record["l"]) == np.atleast_1d(page["steps"]))[ended].all()
+    ended, summary, record = np.atleast_1d(ended), info["summary"], info["episode"]
+    assert (np.atleast_1d(record["l"]) == np.atleast_1d(summary["steps"]))[ended].all()
     assert np.atleast_1d(record["r"])[ended] == pytest.approx(np.atleast_1d(total)[ended])
 
 

@@ -59,7 +59,7 @@ class CountingWorlds:
         episode["collided_with"] = np.where(self.seed % 3 == 0, "wall", "").astype(object)
         episode["reason"] = np.full(self.num_envs, "", object)
         preference = np.full(self.num_envs, self.preference)
-        return {"page": episode, "preference": preference, "x": self.x.copy()}
+        return {"summary": episode, "preference": preference, "x": self.x.copy()}
 
 
 class Driver:

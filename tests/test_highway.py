@@ -160,7 +160,7 @@ def test_a_car_that_drives_on_hits_a_wall_and_its_page_says_so():
     while not done:
         _, reward, terminated, truncated, info = env.step([2.0, 0.0])
         done = terminated or truncated
-    page = info["page"]
+    page = info["summary"]
     assert set(page) == set(COLUMNS) - {"scenario", "arm", "training_seed", "seed"}
     assert page["outcome"] == "hit_wall" in OUTCOMES
     assert page["collided_with"] == "wall"

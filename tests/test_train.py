@@ -184,7 +184,7 @@ def test_both_objectives_are_printed_every_hundred_episodes():
     reporter = Reporter(said.append, total_steps=1000, done_steps=0)
     page = {"min_clearance_m": [0.4, 0.2], "energy_j": [10.0, 30.0], "outcome": np.array(["goal", "timeout"])}
     for step in range(50):
-        reporter.take({"page": page, "_page": np.array([True, True])}, step + 1)
+        reporter.take({"summary": page, "_summary": np.array([True, True])}, step + 1)
     assert len(said) == 1
     assert said[0].startswith("Ep 100: SafeDist=0.30m | Energy=20.00J | reached 50%")
 

@@ -96,7 +96,7 @@ class SectorWorlds(gymnasium.vector.VectorEnv):
             final = np.full(self.num_envs, None, dtype=object)
             for i in np.flatnonzero(ended):
                 final[i] = features(infos["final_obs"][i][None], infos["final_info"]["scan"][i][None])[0]
-                self.pages.append((self._steps, str(infos["page"]["outcome"][i])))
+                self.pages.append((self._steps, str(infos["summary"]["outcome"][i])))
             infos["final_obs"] = final
         return features(observations, infos["scan"]), reward, terminated, truncated, infos
 

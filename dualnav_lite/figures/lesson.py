@@ -100,5 +100,5 @@ def drive(choose, scenario="navigation", seed=37, config=None, every: int = 0, s
         "pictures": pictures,
         "observation": observation,
         "info": info,
-        "outcome": info["page"]["outcome"] if "page" in info else None,
+        "outcome": info["summary"]["outcome"] if "summary" in info else None,
     }

@@ -66,7 +66,7 @@ class HandDriver:
             self.time_s = info["time_s"]
             self.clearance_m = min(self.clearance_m, max(0.0, float(self._env.worlds.sim.clearance[0])))
             self.energy_j = (self._full - info["battery"]) * capacity_j
-            self.outcome = info["page"]["outcome"] if "page" in info else ""
+            self.outcome = info["summary"]["outcome"] if "summary" in info else ""
             if watch and (self.outcome or step % STEPS_A_PICTURE == 0):
                 watch()
         if watch:

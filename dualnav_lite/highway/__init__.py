@@ -41,7 +41,7 @@ class HighwayVectorEnv(gymnasium.vector.VectorEnv):
     """Many cars, each in a world of its own, behind the interface of `DynamicNavVectorEnv`.
 
     Observations are (n, size) float32 vectors, the preference last; actions are physical: acceleration [m/s2] and
-    steering angle [rad]. Rewards, `infos["reward_terms"]`, `["vector_reward"]`, `["reward_weights"]`, `["page"]`,
+    steering angle [rad]. Rewards, `infos["reward_terms"]`, `["vector_reward"]`, `["reward_weights"]`, `["summary"]`,
     preferences, seeds and autoreset are as there; the charge is always full.
 
     Args:
@@ -209,15 +209,15 @@ class HighwayVectorEnv(gymnasium.vector.VectorEnv):
         }
 
     def _add_pages(self, infos, ended, reached, touched) -> None:
-        """Put the finished episodes' measurements into `infos["page"]`, in the columns of `episodes.csv`."""
+        """Put the finished episodes' measurements into `infos["summary"]`, in the columns of `episodes.csv`."""
         outcomes = np.full(self.num_envs, "timeout", dtype=object)
         outcomes[reached] = "goal"
         for i in np.flatnonzero(touched):
             outcomes[i] = outcome_of_contact(touched[i])
         nothing, never = np.zeros(self.num_envs, np.int64), np.full(self.num_envs, np.nan)
         reasons = np.full(self.num_envs, "", dtype=object)
-        page = self.journal.page(DT_S, np.ones(self.num_envs), nothing, never, touched, outcomes, reasons)
-        infos["page"], infos["_page"] = page, ended.copy()
+        page = self.journal.summary(DT_S, np.ones(self.num_envs), nothing, never, touched, outcomes, reasons)
+        infos["summary"], infos["_summary"] = page, ended.copy()
 
     def _restart(self, infos, ended) -> dict[str, Any]:
         """Same-step autoreset, as in `DynamicNavVectorEnv`."""

@@ -137,7 +137,7 @@ slow_m_s = 0.5
 def at_most(top_speed):
     """The run of a robot whose motors turn no faster."""
     slower = with_overrides(Config(), {"hardware.max_lin_vel": top_speed})
-    return drive(planned("astar", slower), seed=19, config=slower)["info"]["page"]
+    return drive(planned("astar", slower), seed=19, config=slower)["info"]["summary"]
 
 
 runs = {top_speed: at_most(top_speed) for top_speed in (0.8, slow_m_s)}
@@ -159,7 +159,7 @@ show(sampling)
 
 # %%
 names = ["time_s", "path_m", "min_clearance_m", "mean_clearance_m", "energy_j"]
-both = {"astar": astar["info"]["page"], "cv_sampling": sampling["info"]["page"]}
+both = {"astar": astar["info"]["summary"], "cv_sampling": sampling["info"]["summary"]}
 pd.DataFrame({arm: [episode[name] for name in names] for arm, episode in both.items()}, names).round(2)
 
 # %% [markdown]

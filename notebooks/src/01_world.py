@@ -225,7 +225,7 @@ def seen(arm, scenario, seed, **more):
     run = drive(choose, scenario, seed=seed, full_map=arm == "rrtstar", **more)
     slow = np.array(speeds) < 0.1
     stops = int(np.sum(slow[1:] & ~slow[:-1]))
-    episode = run["info"]["page"]
+    episode = run["info"]["summary"]
     row = {"arm": arm, "outcome": episode["outcome"], "stops": stops, "path_m": episode["path_m"]}
     row |= {"clearance_m": episode["min_clearance_m"], "energy_j": episode["energy_j"]}
     return row, run | {"speeds": np.array(speeds)}

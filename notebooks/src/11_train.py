@@ -107,10 +107,10 @@ class Diary:
 
     def take(self, infos):
         """Called at each step of all worlds."""
-        if "page" not in infos:
+        if "summary" not in infos:
             return
-        episode = infos["page"]
-        for k in np.flatnonzero(infos["_page"]):
+        episode = infos["summary"]
+        for k in np.flatnonzero(infos["_summary"]):
             self.arrived.append(episode["outcome"][k] == "goal")
             self.clearance.append(episode["min_clearance_m"][k])
             self.energy.append(episode["energy_j"][k])

@@ -172,9 +172,9 @@ ended = []
 
 def note(infos, share):
     """Keep the outcome of each episode that ends."""
-    if "page" in infos:
-        page = infos["page"]
-        ended.extend((share * parking_steps, page["outcome"][i]) for i in np.flatnonzero(infos["_page"]))
+    if "summary" in infos:
+        page = infos["summary"]
+        ended.extend((share * parking_steps, page["outcome"][i]) for i in np.flatnonzero(infos["_summary"]))
 
 
 parker = train_car("parking", parking_steps, seed=0, preference=0.5, on_step=note)
