@@ -44,7 +44,7 @@ class Journal:
         self.reward_sums = np.zeros((num_envs, len(TERMS)))
 
     def reset(self, world: int, preference: float, clearance: float) -> None:
-        """Open a new page for one world."""
+        """Start counting anew for one world."""
         for values in vars(self).values():
             values[world] = 0
         self.preference[world] = preference

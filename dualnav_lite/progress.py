@@ -59,9 +59,10 @@ class Reporter:
         """Count the episodes that ended in a step."""
         if "summary" not in infos:
             return
-        page = infos["summary"]
+        summary = infos["summary"]
         for i in np.flatnonzero(infos["_summary"]):
-            self._recent.append((page["min_clearance_m"][i], page["energy_j"][i], page["outcome"][i] == "goal"))
+            is_goal = summary["outcome"][i] == "goal"
+            self._recent.append((summary["min_clearance_m"][i], summary["energy_j"][i], is_goal))
             self.episodes += 1
             if self.episodes % EPISODES_A_REPORT == 0:
                 safe_dist, energy, reached = self.numbers().values()

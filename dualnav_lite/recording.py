@@ -28,7 +28,7 @@ class Recording:
         poses: (frames, 3) believed; true_poses: (frames, 3) world frame.
         movers: (frames, M, 2) true middles, world frame [m]; nan where a mover is not there (yet).
         map: (64, 64) float32 in [0, 1], the last map crop.
-        page: what the environment counted (columns of `episodes.csv`); empty for a drive that was cut off.
+        summary: what the environment counted (columns of `episodes.csv`); empty for a drive that was cut off.
     """
 
     scenario: str
@@ -39,7 +39,7 @@ class Recording:
     true_poses: np.ndarray
     movers: np.ndarray
     map: np.ndarray
-    page: dict
+    summary: dict
 
     @property
     def name(self) -> str:
@@ -67,9 +67,9 @@ class _Tape:
         places = np.where(movers.active[i, :, None], movers.states[i, :, :2], np.nan)
         self.frames.append((infos["scan"][i].copy(), infos["pose"][i].copy(), env.sim.poses[i].copy(), places))
 
-    def cut(self, scenario: str, arm: str, seed: int, crop, page) -> Recording:
+    def cut(self, scenario: str, arm: str, seed: int, crop, summary) -> Recording:
         scans, poses, true_poses, movers = (np.stack(values) for values in zip(*self.frames, strict=True))
-        return Recording(scenario, arm, seed, scans, poses, true_poses, movers, crop, page)
+        return Recording(scenario, arm, seed, scans, poses, true_poses, movers, crop, summary)
 
 
 def drive(
@@ -115,8 +115,8 @@ def drive(
             is_over = terminated | truncated
             ended = [i for i in np.flatnonzero(active) if is_over[i] or len(tapes[i].frames) >= most_frames]
             for i in ended:
-                page = {name: values[i] for name, values in infos["summary"].items()} if is_over[i] else {}
-                yield tapes[i].cut(scenario.id, arm, current[i], infos["map"][i].copy(), page)
+                summary = {name: values[i] for name, values in infos["summary"].items()} if is_over[i] else {}
+                yield tapes[i].cut(scenario.id, arm, current[i], infos["map"][i].copy(), summary)
             active[ended] = False
             fresh = ended[: len(waiting)]
             if not fresh:
@@ -153,7 +153,7 @@ def save(recording: Recording, folder: str | Path) -> None:
 
 
 def load(folder: str | Path, name: str) -> Recording:
-    """The recording with this stem; its page stands in `logs/` only.
+    """The recording with this stem; its summary stands in `logs/` only.
 
     Raises:
         UnusableInput: a file that is missing or is none of `save`'s.
@@ -201,10 +201,10 @@ def record(
             for arm in arms:
                 for one in drive(scenario, arm, seeds, config):
                     save(one, out)
-                    page = one.page
-                    means = [page.get("mean_clearance_m"), page.get("energy_j")]
+                    summary = one.summary
+                    means = [summary.get("mean_clearance_m"), summary.get("energy_j")]
                     rows.append(
-                        [one.name, one.scenario, arm, one.seed, page.get("outcome", "cut"), len(one.scans), *means]
+                        [one.name, one.scenario, arm, one.seed, summary.get("outcome", "cut"), len(one.scans), *means]
                     )
                     bar.update()
     table = pd.DataFrame(rows, columns=LOG_COLUMNS).sort_values(["scenario", "arm", "seed"])

@@ -227,7 +227,7 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
             for i in np.flatnonzero(active):
                 self.trails[i].append(sim.poses[i].copy())
         infos = self._infos(clipped, terms, vector, weights)
-        self._add_pages(infos, active & self.is_done, surfaces)
+        self._add_summaries(infos, active & self.is_done, surfaces)
         if self._autoreset and self.is_done.any():
             infos = self._restart(infos)
         return self.observations, (vector * weights).sum(axis=1), ends.terminated, ends.truncated, infos
@@ -256,7 +256,7 @@ class DynamicNavVectorEnv(gymnasium.vector.VectorEnv):
             infos["truth"] = truth_of(sim)
         return infos
 
-    def _add_pages(self, infos, ended, surfaces) -> None:
+    def _add_summaries(self, infos, ended, surfaces) -> None:
         """Put the finished episodes' measurements into `infos["summary"]`."""
         if ended.any():
             sim = self.sim

@@ -23,8 +23,8 @@ def run_episodes(env, seeds, driver=seek, preference=None):
         ended = [i for i in range(n) if wanted[i] and (terminated[i] or truncated[i])]
         mask = np.zeros(n, bool)
         for i in ended:
-            page = {key: values[i] for key, values in infos["summary"].items()}
-            found[current[i]] = (page, observations[i].tobytes())
+            summary = {key: values[i] for key, values in infos["summary"].items()}
+            found[current[i]] = (summary, observations[i].tobytes())
             if waiting:
                 current[i] = waiting.pop(0)
                 mask[i] = True

@@ -51,7 +51,7 @@ def test_ends_are_counted_and_their_last_observation_is_made_of_numbers_too():
     i = int(np.flatnonzero(terminated | truncated)[0])
     assert infos["final_obs"][i].shape == observations[i].shape
     assert not np.array_equal(infos["final_obs"][i], observations[i])
-    assert worlds.pages[0][1] == infos["summary"]["outcome"][i]
+    assert worlds.endings[0][1] == infos["summary"]["outcome"][i]
 
 
 def test_jitter_and_collisions_are_counted_from_rows():

@@ -167,14 +167,14 @@ def test_driving_to_the_goal_pays_and_parking_does_not():
 
 def test_a_contact_ends_a_short_run_and_is_named():
     rows = run_episodes(DynamicNavVectorEnv(20, scenario="crowd_crossing", autoreset=False), range(FIRST, FIRST + 20))
-    pages = [page for page, _ in rows.values()]
-    assert sum(page["outcome"] == "hit_person" for page in pages) > 15
-    for page in pages:
-        assert (page["collided_with"] == "person") == (page["outcome"] == "hit_person")
-        assert page["contacts"] == (page["outcome"] != "goal")
-        assert page["events"] == 1
-        assert 0 < page["first_event_s"] <= page["time_s"]
-        assert page["min_clearance_m"] == 0 or page["outcome"] == "goal"
+    summaries = [summary for summary, _ in rows.values()]
+    assert sum(summary["outcome"] == "hit_person" for summary in summaries) > 15
+    for summary in summaries:
+        assert (summary["collided_with"] == "person") == (summary["outcome"] == "hit_person")
+        assert summary["contacts"] == (summary["outcome"] != "goal")
+        assert summary["events"] == 1
+        assert 0 < summary["first_event_s"] <= summary["time_s"]
+        assert summary["min_clearance_m"] == 0 or summary["outcome"] == "goal"
 
 
 def test_time_runs_out_as_truncation_not_as_termination():

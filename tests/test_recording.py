@@ -18,7 +18,7 @@ def test_a_drive_does_not_depend_on_its_neighbours():
     two = {r.seed: r for r in drive("navigation", "straight", [3, 4, 5], num_envs=2)}
     assert set(one) == set(two) == {3, 4, 5}
     for seed, recording in one.items():
-        assert len(recording.scans) == recording.page["steps"] + 1
+        assert len(recording.scans) == recording.summary["steps"] + 1
         for name in ("scans", "poses", "true_poses", "movers", "map"):
             np.testing.assert_array_equal(getattr(recording, name), getattr(two[seed], name))
 
@@ -26,7 +26,7 @@ def test_a_drive_does_not_depend_on_its_neighbours():
 def test_what_is_recorded_as_there_is_what_the_scan_sees():
     recording = next(drive("crowd_crossing", "stand_still", [7], most_frames=12))
     assert len(recording.scans) == 12
-    assert recording.page == {}  # cut off
+    assert recording.summary == {}  # cut off
     people = to_robot(recording.movers[-1], recording.true_poses[-1])
     seen = 0
     for x, y in people[np.isfinite(people).all(axis=1)]:

@@ -182,9 +182,9 @@ def test_runs_go_where_they_are_told_and_never_into_the_checkout(monkeypatch, tm
 def test_both_objectives_are_printed_every_hundred_episodes():
     said = []
     reporter = Reporter(said.append, total_steps=1000, done_steps=0)
-    page = {"min_clearance_m": [0.4, 0.2], "energy_j": [10.0, 30.0], "outcome": np.array(["goal", "timeout"])}
+    summary = {"min_clearance_m": [0.4, 0.2], "energy_j": [10.0, 30.0], "outcome": np.array(["goal", "timeout"])}
     for step in range(50):
-        reporter.take({"summary": page, "_summary": np.array([True, True])}, step + 1)
+        reporter.take({"summary": summary, "_summary": np.array([True, True])}, step + 1)
     assert len(said) == 1
     assert said[0].startswith("Ep 100: SafeDist=0.30m | Energy=20.00J | reached 50%")
 

@@ -65,7 +65,7 @@ class SectorWorlds(gymnasium.vector.VectorEnv):
         discrete: actions are numbers of `ACTIONS`, as DQN wants them; else v and omega.
 
     Attributes:
-        pages: (step, outcome) of each episode that ended.
+        endings: (step, outcome) of each episode that ended.
     """
 
     def __init__(self, num_envs: int, discrete: bool = False):
@@ -78,7 +78,7 @@ class SectorWorlds(gymnasium.vector.VectorEnv):
         self.single_action_space = gymnasium.spaces.Discrete(len(ACTIONS)) if discrete else box
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.pages: list[tuple[int, str]] = []
+        self.endings: list[tuple[int, str]] = []
         self._steps = 0
 
     def reset(self, *, seed=None, options=None):
@@ -96,7 +96,7 @@ class SectorWorlds(gymnasium.vector.VectorEnv):
             final = np.full(self.num_envs, None, dtype=object)
             for i in np.flatnonzero(ended):
                 final[i] = features(infos["final_obs"][i][None], infos["final_info"]["scan"][i][None])[0]
-                self.pages.append((self._steps, str(infos["summary"]["outcome"][i])))
+                self.endings.append((self._steps, str(infos["summary"]["outcome"][i])))
             infos["final_obs"] = final
         return features(observations, infos["scan"]), reward, terminated, truncated, infos
 
@@ -159,14 +159,14 @@ def learn_by_sac(steps: int, seed: int) -> tuple[SectorWorlds, Callable]:
 LEARNERS: dict[str, Callable] = {"ppo": learn_by_ppo, "dqn": learn_by_dqn, "sac": learn_by_sac}
 
 
-def row_of(algorithm: str, seed: int, steps: int, pages, rows: pd.DataFrame) -> dict:
+def row_of(algorithm: str, seed: int, steps: int, endings, rows: pd.DataFrame) -> dict:
     """A row: what happened while learning (early: its first third), and 200 episodes afterwards; 95 % intervals."""
-    kinds = [OUTCOMES[outcome] for _, outcome in pages]
-    early = sum(OUTCOMES[outcome] == "collision" for step, outcome in pages if 3 * step <= steps)
+    kinds = [OUTCOMES[outcome] for _, outcome in endings]
+    early = sum(OUTCOMES[outcome] == "collision" for step, outcome in endings if 3 * step <= steps)
     n, good = len(rows), int(survived(rows).sum())
     found = rows.outcome.map(OUTCOMES)
     turns = rows.omega_sign_changes.astype(float) / rows.time_s
-    learning = [kinds.count("collision"), early, kinds.count("survived"), len(pages)]
+    learning = [kinds.count("collision"), early, kinds.count("survived"), len(endings)]
     rates = [n, good, good / n, *wilson_interval(good, n), (found == "collision").sum(), (found == "timeout").sum()]
     values = [algorithm, seed, steps, *learning, *rates, *mean_interval(rows.accel_rms), *mean_interval(turns)]
     return dict(zip(COLUMNS, values, strict=True))
@@ -192,6 +192,6 @@ def algorithms_table(
                     [algorithm], [SCENARIO], range(TUNING_SEED, TUNING_SEED + episodes), folder, progress=False,
                     make_planner=lambda arm, config, driver=driver: driver,
                 )  # fmt: skip
-            rows.append(row_of(algorithm, seed, steps, env.pages, judged))
+            rows.append(row_of(algorithm, seed, steps, env.endings, judged))
             on_row(pd.DataFrame(rows, columns=COLUMNS))
     return pd.DataFrame(rows, columns=COLUMNS)

@@ -188,7 +188,7 @@ class HighwayVectorEnv(gymnasium.vector.VectorEnv):
         reward = (vector * infos["reward_weights"]).sum(axis=1)
         ended = terminated | truncated
         if ended.any():
-            self._add_pages(infos, ended, reached, touched)
+            self._add_summaries(infos, ended, reached, touched)
             if self._autoreset:
                 infos = self._restart(infos, ended)
         return self._observations, reward, terminated, truncated, infos
@@ -208,7 +208,7 @@ class HighwayVectorEnv(gymnasium.vector.VectorEnv):
             "time_s": self._steps * DT_S,
         }
 
-    def _add_pages(self, infos, ended, reached, touched) -> None:
+    def _add_summaries(self, infos, ended, reached, touched) -> None:
         """Put the finished episodes' measurements into `infos["summary"]`, in the columns of `episodes.csv`."""
         outcomes = np.full(self.num_envs, "timeout", dtype=object)
         outcomes[reached] = "goal"
@@ -216,8 +216,8 @@ class HighwayVectorEnv(gymnasium.vector.VectorEnv):
             outcomes[i] = outcome_of_contact(touched[i])
         nothing, never = np.zeros(self.num_envs, np.int64), np.full(self.num_envs, np.nan)
         reasons = np.full(self.num_envs, "", dtype=object)
-        page = self.journal.summary(DT_S, np.ones(self.num_envs), nothing, never, touched, outcomes, reasons)
-        infos["summary"], infos["_summary"] = page, ended.copy()
+        summary = self.journal.summary(DT_S, np.ones(self.num_envs), nothing, never, touched, outcomes, reasons)
+        infos["summary"], infos["_summary"] = summary, ended.copy()
 
     def _restart(self, infos, ended) -> dict[str, Any]:
         """Same-step autoreset, as in `DynamicNavVectorEnv`."""

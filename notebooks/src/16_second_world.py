@@ -57,7 +57,7 @@ observation, info = env.reset(seed=4)
 before = env.render()
 for _ in range(12):
     observation, reward, terminated, truncated, info = env.step([1.0, 0.3])
-figure, axes = plt.subplots(1, 2, figsize=(10, 2.8), facecolor="white")  # no ticks, so no light card of Jupyter's
+figure, axes = plt.subplots(1, 2, figsize=(10, 2.8), facecolor="white")  # titles stay readable in a dark theme
 for axis, picture, title in zip(axes, (before, env.render()), ("start", "after 2.4 s"), strict=True):
     axis.imshow(picture)
     axis.set(title=title, xticks=[], yticks=[])
@@ -173,8 +173,8 @@ ended = []
 def note(infos, share):
     """Keep the outcome of each episode that ends."""
     if "summary" in infos:
-        page = infos["summary"]
-        ended.extend((share * parking_steps, page["outcome"][i]) for i in np.flatnonzero(infos["_summary"]))
+        summary = infos["summary"]
+        ended.extend((share * parking_steps, summary["outcome"][i]) for i in np.flatnonzero(infos["_summary"]))
 
 
 parker = train_car("parking", parking_steps, seed=0, preference=0.5, on_step=note)
