@@ -65,7 +65,7 @@ def exact_interval(successes, trials, confidence=0.95):
 
 
 def repeat_range(successes: int, trials: int, more: int, confidence=0.95) -> tuple[int, int]:
-    """Successes to expect of `more` new trials of the same kind: wider than an interval of the rate, for luck twice.
+    """Successes to expect of `more` new trials: wider than the interval of the rate, since chance enters twice.
 
     Args:
         successes, trials: what was seen.
@@ -74,6 +74,9 @@ def repeat_range(successes: int, trials: int, more: int, confidence=0.95) -> tup
 
     Returns:
         (least, most) counts.
+
+    Raises:
+        ValueError: as `wilson_interval`.
 
     Source: the beta-binomial that follows from Jeffreys' prior Beta(1/2, 1/2) for the rate.
 

@@ -11,7 +11,7 @@ from dualnav_lite.scenario import PopUp
 # The place ahead is nearer to the goal by this share of its distance: a robot that is still turning has no way yet.
 ON_THE_WAY = 0.75
 FIRES_BEFORE_M = 1.0  # clear of the robot's own place when a passage is looked for
-LAST_CHANCES_M = 2.0  # of the way before a box could not fire any more: one that found no cover comes in view
+LAST_CHANCES_M = 2.0  # of way, the last on which a box may fire: on these one that found no cover comes in view
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class PopUpPlan:
             room: `rooms.StaticRoom`.
             goal: (2,) [m]; goal_field: (>= H, >= W) way to it from each cell of the room [m].
             others: (x, y, radius, gap) of things to keep `gap` from [m].
-            must_hide: a box that comes from cover does so on the last of the way as well.
+            must_hide: no box that comes from cover appears in view, not even in the last chances.
 
         Returns:
             (begin (2,), stop (2,)) of the box's centre, world frame, or None.

@@ -28,18 +28,18 @@ NO_WEIGHTS = Text(
 )
 DRIVES = Text(
     "your policy drives: {n} runs of each of {scenarios} scenarios, in rooms that no lesson uses",
-    "你的策略开始行驶：{scenarios} 个场景，每个 {n} 次，房间与各课不同",
+    "你的策略开始跑：{scenarios} 个场景，每个 {n} 次，房间是各课都没有用过的",
 )
 SURVIVED = Text("{scenario}: survived {survived} of {n}", "{scenario}：{n} 次中存活 {survived} 次")
 RANGE = Text(
-    "  to expect of {n} runs in other rooms: {least} to {most}; the rate behind it: {low:.0%} to {high:.0%} (95 %)",
+    "  of {n} runs in other rooms expect {least} to {most}; the true rate is within {low:.0%} to {high:.0%} (95 %)",
     "  换一批房间再跑 {n} 次，预计存活 {least} 到 {most} 次；真实存活率在 {low:.0%} 到 {high:.0%} 之间（95 %）",
 )
-HAND_IN = Text("hand in this folder: {folder}", "请提交这个文件夹：{folder}")
 MEANS = Text(
-    "  least clearance {clearance:.2f} m, energy {energy:.0f} J, means",
-    "  平均最小间距 {clearance:.2f} m，平均能耗 {energy:.0f} J",
+    "  on average {clearance:.2f} m least clearance and {energy:.0f} J",
+    "  平均最小间隙 {clearance:.2f} m，平均能耗 {energy:.0f} J",
 )
+HAND_IN = Text("hand in this folder: {folder}", "请提交这个文件夹：{folder}")
 
 
 def pack(
@@ -100,7 +100,7 @@ def try_out(
     lang: str | None = None,
     scenarios: Sequence[str] = SCENARIOS,
 ) -> None:
-    """Drive the student's policy through the scenarios and say what range as many runs in other rooms will find.
+    """Drive the student's policy through the scenarios and say how many of as many runs to expect in other rooms.
 
     Without weights there is nothing to drive, and it says so.
 
@@ -108,6 +108,7 @@ def try_out(
         notebooks, out, say, lang: as in `pack`, which has run before.
         episodes: of each scenario.
         jobs: worker processes.
+        scenarios: ids.
     """
     k = LANGUAGES.index(language_of(lang))
     if not (Path(notebooks) / "weights" / POLICY).exists():

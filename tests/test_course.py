@@ -285,7 +285,7 @@ def test_submit_drives_the_policy_and_says_what_range_to_expect_in_other_rooms(t
     out = submission.pack(work, "s-01", "submission_s-01", said.append, "zh")
     assert said[0].startswith("01_world：3 个练习中 0 个通过；尚未通过：")  # noqa: RUF001
     for lang, expected in (
-        ("en", r"to expect of 2 runs in other rooms: \d to 2"),
+        ("en", r"of 2 runs in other rooms expect \d to 2"),
         ("zh", r"再跑 2 次，预计存活 \d 到 2 次"),  # noqa: RUF001
     ):
         said.clear()

@@ -156,7 +156,7 @@ def start_row() -> Row:
 
 
 def long_run_row(config: Config, seconds: float, num_envs: int) -> Row:
-    """Three hours with A* at the wheel, so many runs side by side, from some minutes of them [s a run and core]."""
+    """Three hours with A* at the wheel, `num_envs` runs side by side, from the first minutes [s a run and core]."""
     env = DynamicNavVectorEnv(num_envs, config, load_scenario("battery"))
     driver = make_planner("astar", config)
     observations, infos = env.reset(seed=SEED)

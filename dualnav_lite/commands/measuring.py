@@ -76,7 +76,7 @@ def measure(
     jobs: Jobs = CORES,
     out: Annotated[Path, typer.Option(help="Folder of the CSVs.")] = Path("results"),
 ) -> int:
-    """Fronts of preferences, the battery band, latency, motion's endpoint error, three hours, perturbed commands."""
+    """Tables of their own: fronts, battery band, latency, endpoint error, three hours, ablations, failures."""
     from dualnav_lite.measures.tables import MOST_ROWS, Options
     from dualnav_lite.measures.tables import run as run_measure
 

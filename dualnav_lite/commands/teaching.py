@@ -8,6 +8,7 @@ import typer
 from dualnav_lite.commands import CORES, Jobs, app
 from dualnav_lite.config import UnusableInput
 
+Lang = Annotated[str | None, typer.Option(help="en or zh; what the lessons were set to, else $DUALNAV_LANG.")]
 LESSONS = "Folder with your notebooks; course/ (`lab --student`) if not given and there, else notebooks/."
 
 
@@ -64,7 +65,7 @@ def release(
 def status(
     folder: Annotated[Path | None, typer.Argument(help=LESSONS)] = None,
     export: Annotated[Path | None, typer.Option(help="Write your parts here, for `stress --parts`.")] = None,
-    lang: Annotated[str | None, typer.Option(help="en or zh; $DUALNAV_LANG if not given.")] = None,
+    lang: Lang = None,
 ) -> int:
     """Which exercises pass, and whose part is used for each; with --export, your parts as a folder."""
     from dualnav_lite import parts
@@ -83,9 +84,9 @@ def submit(
     out: Annotated[Path | None, typer.Option(help="submission_STUDENT if not given.")] = None,
     episodes: Annotated[int, typer.Option(min=0, help="Runs of each scenario; 0 leaves them out.")] = 50,
     jobs: Jobs = CORES,
-    lang: Annotated[str | None, typer.Option(help="en or zh; $DUALNAV_LANG if not given.")] = None,
+    lang: Lang = None,
 ) -> int:
-    """Check your notebooks, drive your policy, say what range to expect, and pack the folder that is handed in."""
+    """Check your notebooks, pack the folder that is handed in, drive your policy and say what to expect elsewhere."""
     from dualnav_lite import submission
     from dualnav_lite.check.verdict import LANGUAGES, language_of
 

@@ -40,7 +40,14 @@ PAIRED_COLUMNS = ["scenario", "state", "method", "against", *(f"{c}_{what}" for 
 
 
 def of_episodes(scenario: str, state: str, arm: str, seeds) -> pd.DataFrame:
-    """Rows of `EPISODE_COLUMNS`: a method in an episode, over all cells of its frames in one state of the robot."""
+    """Rows of `EPISODE_COLUMNS`: a method in an episode, over all cells of its frames in one state of the robot.
+
+    Args:
+        scenario: id.
+        state: "standing" or "driving"; frames of the other state are left out.
+        arm: who drives.
+        seeds: one world each, all at once.
+    """
     config, n = Config(), len(seeds)
     driver = library_arm(arm, config)
     env = library_env(n, config, load_scenario(scenario), driver)

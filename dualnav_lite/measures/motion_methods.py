@@ -23,10 +23,10 @@ def owned_velocities(gaps, velocities):
 
     Args:
         gaps: (c, k) from each cell's centre to each body's outline, below 0 inside [m]; inf for rows without a body.
-        velocities: (k, 2).
+        velocities: (k, 2) of the bodies [m/s].
 
     Returns:
-        (c, 2) velocities of the nearest body within `MARGIN_M`, and (c,) whether there is one.
+        (c, 2) velocities of the nearest body within `MARGIN_M`, frame as given, and (c,) whether there is one.
     """
     is_held = gaps.min(axis=1) <= MARGIN_M
     return np.where(is_held[:, None], velocities[gaps.argmin(axis=1)], 0.0), is_held
@@ -63,7 +63,8 @@ class Methods:
     """What each of `METHODS` says of n worlds, from the same scans and believed poses.
 
     Args:
-        scans, poses: those of the reset, (n, beams, 2) and (n, 3).
+        scans: (n, beams, 2) range [m] and intensity at the reset.
+        poses: (n, 3) as the robot believes them, world frame.
     """
 
     def __init__(self, scans, poses):
@@ -75,7 +76,7 @@ class Methods:
         self._track(np.ones(n, bool))
 
     def see(self, scans, poses, active, sim) -> None:
-        """Take in one scan of the active worlds; the simulator's state is for `truth` alone."""
+        """Take in a scan and a pose, shaped as at the reset, of the (n,) active worlds; `sim` is for `truth` alone."""
         self._scans.append(scans)
         self._poses.append(poses)
         self._track(active)
@@ -95,7 +96,7 @@ class Methods:
         }
 
     def say(self, world: int):
-        """Centres (c, 2) of the cells in which a beam ended [m], and by method their velocities (c, 2) [m/s]."""
+        """Centres (c, 2) [m] of cells in which a beam ended, by method their velocities (c, 2) [m/s]; robot frame."""
         scans = np.stack([one[world] for one in self._scans])
         poses = np.stack([one[world] for one in self._poses])[-FLOW_SCANS:]
         hit = rasterise(scans[None], poses[None])[0, -1] > 0

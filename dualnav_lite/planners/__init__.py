@@ -39,8 +39,8 @@ def make_planner(arm_id: str, config: Config | None = None, **knobs) -> Planner:
         knobs: of the planner's class, as `max_speed`.
 
     Raises:
-        UnusableInput: an unknown arm or knob, a knob that is negative or not finite, a package that the arm needs and
-            that is missing.
+        UnusableInput: an unknown arm or knob, a knob that is negative or not finite, or a missing package that the arm
+            needs.
     """
     name, _, tail = arm_id.partition("@")
     if name not in ARMS:

@@ -28,7 +28,11 @@ _CLOSED_M = 0.075  # cells nearer to something fixed are closed
 
 
 def command_grid(limits: Hardware, max_speed: float | None = None):
-    """(9, 11, 2) commands v [m/s], omega [rad/s]: what `costs` scores and an imitator chooses from."""
+    """(9, 11, 2) commands v [m/s], omega [rad/s]: what `costs` scores and an imitator chooses from.
+
+    Raises:
+        UnusableInput: `max_speed` is 0.
+    """
     if max_speed == 0.0:
         raise UnusableInput("a planner that samples commands needs a max_speed above 0")
     top = limits.max_lin_vel if max_speed is None else min(max_speed, limits.max_lin_vel)
