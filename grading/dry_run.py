@@ -62,8 +62,8 @@ def _tried(room: Room, lesson: str, exercise: str, texts: dict[str, str]) -> lis
             problems.append(f"{'right solution' if is_right else 'mutant'} '{name}' {said}")
         elif rule.of and not is_right:  # no check of the lesson stands before it, so feedback has the only hint
             hint = text.partition("\n")[0].removeprefix(HINT)
-            fits = hint in reason_text(outcome.reason, "en")
-            problems += [] if fits else [f"feedback gives no fitting hint to mutant '{name}'"]
+            if hint not in reason_text(outcome.reason, "en"):
+                problems.append(f"feedback gives no fitting hint to mutant '{name}'")
     return problems
 
 

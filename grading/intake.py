@@ -5,7 +5,6 @@ rejected as a whole, with a reason code; the others are not touched by it. Of a 
 are read again, and compared with their hash, when their turn comes.
 """
 
-import hashlib
 import itertools
 import os
 import re
@@ -14,6 +13,7 @@ import unicodedata
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from dualnav_lite.chunks import sha256
 from dualnav_lite.config import UnusableInput
 
 PACKED = "submission_"  # `kit.py submit` names its folder so, with the student's id behind
@@ -68,12 +68,12 @@ class Submission:
             content = {name: _read(path) for name, path in self.files.items()}
         except (OSError, Rejected):
             raise Changed from None
-        if digest({name: _sha256(one) for name, one in content.items()}) != self.sha256:
+        if digest({name: sha256(one) for name, one in content.items()}) != self.sha256:
             raise Changed
         return content
 
     def packed(self) -> "Submission":
-        """With its content, to be sent elsewhere; without it where it has changed, so that nobody grades it there."""
+        """With its content, to be sent elsewhere; without where it has changed: then it stays ungraded there."""
         try:
             return replace(self, content=self.read())
         except Changed:
@@ -126,10 +126,6 @@ def _read(path: str) -> bytes:
     return content
 
 
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
-
-
 def _taken(folder: Path, wanted: frozenset[str]) -> tuple[dict[str, str], str]:
     """Path by file name of the wanted files, and their hash."""
     found: list[tuple[str, int]] = []
@@ -141,7 +137,7 @@ def _taken(folder: Path, wanted: frozenset[str]) -> tuple[dict[str, str], str]:
         if name in wanted:
             if name in files:
                 raise Rejected("file_twice")
-            files[name], hashes[name] = path, _sha256(_read(path))
+            files[name], hashes[name] = path, sha256(_read(path))
     if not files and any(path.lower().endswith(ARCHIVES) for path, _ in found):
         raise Rejected("still_packed")
     return files, digest(hashes)
@@ -150,7 +146,7 @@ def _taken(folder: Path, wanted: frozenset[str]) -> tuple[dict[str, str], str]:
 def digest(hashes: dict[str, str]) -> str:
     """One hash of names and of the files' hashes."""
     lines = [f"{name}\0{one}" for name, one in sorted(hashes.items())]
-    return _sha256("\n".join(lines).encode("utf-8"))
+    return sha256("\n".join(lines))
 
 
 def take_in(folder: Path, wanted: frozenset[str]) -> list[Submission]:
@@ -178,8 +174,7 @@ def take_in(folder: Path, wanted: frozenset[str]) -> list[Submission]:
         else:
             found.append(_one(entry, wanted))
     handed_in = {one.student_id for one in found}
-    nothing = digest({})
-    found += [Submission(one, "", rejected="online_text", sha256=nothing) for one in {*typed} - handed_in]
+    found += [Submission(one, "", rejected="online_text", sha256=digest({})) for one in {*typed} - handed_in]
     found.sort(key=lambda one: one.student_id)
     if not found:
         raise UnusableInput(f"{folder}: holds no submission; each student has a folder of his own in it")
@@ -204,7 +199,7 @@ def _one(entry, wanted: frozenset[str]) -> Submission:
         student = entry.name.removeprefix(PACKED)
         submission = Submission(entry.name if student in ("", ".", "..") else student, entry.name)
     else:
-        safe = hashlib.sha256(os.fsencode(entry.name)).hexdigest()[:12]
+        safe = sha256(os.fsencode(entry.name))[:12]
         return Submission(f"unnamed-{safe}", "", rejected="folder_name", sha256=digest({}))
     try:
         if entry.is_symlink():

@@ -274,6 +274,6 @@ def error_reason(name: str) -> str:
     """Reason code of an exception: its type where Python knows it."""
     if name == "NotImplementedError":
         return "not_done"
-    if name == "NotDefined":  # of `adapters.py`
+    if name == "NotDefined":  # of `adapters`
         return "not_defined"
     return f"raised_{name}" if name in KNOWN_ERRORS else "raised_an_error"

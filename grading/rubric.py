@@ -18,7 +18,7 @@ class Exercise(Frozen):
     """One exercise: what it is worth, what it calls, how long its questions may take together.
 
     Attributes:
-        of: exercise whose cell is asked, where this one is a further task on it and has no cell of its own.
+        of: exercise whose cell is asked, where this one has no cell of its own and is a further task on that one.
     """
 
     points: Points
@@ -35,7 +35,7 @@ class Survival(Frozen):
         margin: what students are told to aim at lies so far above the threshold.
         confidence: of the exact interval, over all looks at it together.
         first, most: seeds of a scenario at the first look, and at the last.
-        seeds: of scenarios that are looked at once, after so many, such as a three-hour run.
+        seeds: number of them by scenario, for scenarios that are looked at once, such as three-hour runs.
     """
 
     points: Points
@@ -114,10 +114,11 @@ class Lesson(Frozen):
     def _fits(self):
         known: list[str] = []
         for name, exercise in self.exercises.items():
-            unknown = sorted({*exercise.needs, *([exercise.of] if exercise.of else [])} - set(known))
+            unknown = sorted({exercise.of, *exercise.needs} - {"", *known})
             if unknown:
                 raise ValueError(f"'{name}' needs '{unknown[0]}', which does not stand before it")
-            known += [] if exercise.of else [name]
+            if not exercise.of:
+                known.append(name)
         strangers = sorted(set(self.mask.values()) - set(known))
         if strangers:
             raise ValueError(f"mask names '{strangers[0]}', which is no exercise here")
@@ -169,7 +170,7 @@ def load_rubric(path: Path = RUBRIC) -> Rubric:
     """The rubric in a file.
 
     Raises:
-        UnusableInput: it cannot be read, something in it does not fit, an exercise has no scorer, no such scenario.
+        UnusableInput: it cannot be read, something in it does not fit, an exercise has no scorer, a scenario is none.
     """
     rubric = validated(Rubric, read_yaml(path), path.name)
     for lesson in rubric.lessons.values():

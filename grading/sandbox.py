@@ -35,7 +35,7 @@ BROUGHT = (
     "seccomp.py",
     "wire.py",
     "serve.py",
-    "adapters.py",
+    *(f"adapters/{path.name}" for path in sorted((HERE / "adapters").glob("*.py"))),
     "probe_inside.py",
 )
 FIRST_USER, USERS_A_PROCESS = 2_000_300_000, 32  # above what directories of users and systemd give out
@@ -146,6 +146,8 @@ class Sandbox:
 
     def _bring(self, name: str, content: bytes) -> None:
         path = self.folder / "grader" / name
+        path.parent.mkdir(exist_ok=True)
+        os.chmod(path.parent, 0o755)
         path.write_bytes(content)
         os.chmod(path, 0o644)
 

@@ -55,6 +55,7 @@ class Question:
         return ""
 
 
+Questions = Callable[[np.random.Generator], list[Question]]
 Ask = Callable[[dict[str, np.ndarray]], tuple[str, dict[str, np.ndarray]]]
 
 
@@ -76,7 +77,7 @@ class Marks:
 
 
 def _module(exercise: str):
-    """The task of an exercise.
+    """The module with the task of an exercise.
 
     Raises:
         UnusableInput: there is none, or it is no identifier.
@@ -89,26 +90,26 @@ def _module(exercise: str):
         raise UnusableInput(f"exercise '{exercise}' has no scorer: grading/tasks/{exercise}.py is missing") from None
 
 
-def questions_of(exercise: str) -> Callable[[np.random.Generator], list[Question]]:
+def questions_of(exercise: str) -> Questions:
     """The questions of an exercise that has some; raises as `task_of` does."""
     return _module(exercise).questions
 
 
 def task_of(exercise: str) -> Callable[[np.random.Generator, Ask, Marks], None]:
-    """What asks and fills in the marks as it goes, so that they stand where an answer does not come.
+    """A function that asks and fills in marks as it goes, so that those stand if an answer never comes.
 
     Raises:
         UnusableInput: there is none, or it is no identifier.
     """
     module = _module(exercise)
-    return module.play if hasattr(module, "play") else partial(put, module.questions)
+    return module.play if hasattr(module, "play") else partial(put_questions, module.questions)
 
 
-def put(questions, rng: np.random.Generator, ask: Ask, marks: Marks) -> None:
+def put_questions(questions: Questions, rng: np.random.Generator, ask: Ask, marks: Marks) -> None:
     """Put questions one after the other; each that is answered rightly earns its share.
 
     Args:
-        questions: function of a generator.
+        questions: of a task.
         rng: from the secret.
         ask: arrays of a call to (reason code of what was raised, arrays of the answer).
         marks: filled in.
