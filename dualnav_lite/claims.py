@@ -174,6 +174,18 @@ def claims_table(claims: list[Claim], tables: Mapping[str, pd.DataFrame]) -> pd.
     return table.astype({"our_value": "float64", "low": "float64", "high": "float64"}).astype({"n": "Int64"})
 
 
+def _shown(value: float) -> str:
+    """Three digits, or as many as keep what is below 1 from reading 1.
+
+    >>> _shown(0.9464), _shown(0.99975), _shown(1.0), _shown(23.04)
+    ('0.946', '0.9998', '1', '23')
+    """
+    digits = 3
+    while value < 1.0 and f"{value:.{digits}g}" == "1":
+        digits += 1
+    return f"{value:.{digits}g}"
+
+
 def claims_page(claims: list[Claim], table: pd.DataFrame) -> str:
     """`docs/CLAIMS.md`: a row a claim, then what each number is."""
     counts = table.verdict.value_counts()
@@ -194,8 +206,8 @@ def claims_page(claims: list[Claim], table: pd.DataFrame) -> str:
         "|---|---|---|---:|---|---:|",
     ]
     for row in table.itertuples():
-        interval = "" if pd.isna(row.low) else f"{row.low:.3g} to {row.high:.3g}"
-        ours, count = "" if pd.isna(row.our_value) else f"{row.our_value:.3g}", "" if pd.isna(row.n) else f"{row.n}"
+        interval = "" if pd.isna(row.low) else f"{_shown(row.low)} to {_shown(row.high)}"
+        ours, count = "" if pd.isna(row.our_value) else _shown(row.our_value), "" if pd.isna(row.n) else f"{row.n}"
         text = row.article_text.replace("|", "\\|")
         lines.append(f"| `{row.claim}` | {text} | {row.verdict} | {ours} | {interval} | {count} |")
     lines += ["", "## What each number is", ""]
