@@ -157,10 +157,10 @@ errors.round(2)
 
 
 # %% [markdown]
-# The people walk at 0.80 m/s. An error of 0.89 is worse than saying "nobody moves". One drive proves little, so
-# `python kit.py measure motion` asks on 100 drives of the policy, which is slower than `astar`: people are 0.68 m/s off
-# raw and 0.22 compensated, walls 0.22 and 0.005 (`stress_tests/reference/motion_error.csv`). For a robot that stands both
-# are nearly alike.
+# The people walk at 0.80 m/s. An error of 0.89 is worse than saying "nobody moves". One drive proves little:
+# `python kit.py measure motion` takes 100 crossings, driven by the policy, which is slower than `astar`. There the error
+# on people is 0.68 m/s raw and 0.22 compensated, on walls 0.22 and 0.005 (`stress_tests/reference/motion_error.csv`). For
+# a robot that stands raw and compensated are nearly alike.
 #
 # ## 3. One number a cell
 #
@@ -266,8 +266,8 @@ print(f"seen: {seen[1]:.1f} of the moments at 0.4 m/s, {seen[5]:.1f} at 1.2 m/s"
 
 # %% [markdown]
 # Three scans are too short a memory. The kit's own channel comes from a *tracker* that follows people over many scans
-# and paints where they will be in the next two seconds: the deeper the colour, the sooner. On the same 100 drives it is
-# 0.06 m/s off on people. Lesson 05 opens it. The four beside each other while five people cross, red above 0, blue below,
+# and paints where they will be in the next two seconds: the deeper the colour, the sooner. On the same 100 drives its
+# error on people is 0.06 m/s. Lesson 05 opens it. The four beside each other while five people cross, red above 0, blue below,
 # echoes in black:
 
 # %%
