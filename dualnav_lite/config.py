@@ -3,13 +3,15 @@
 import io
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Annotated, Any, Literal, TypeVar
 
 import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveInt, ValidationError, model_validator
+
+from dualnav_lite.strict import UniqueKeys, taken_for_numbers
 
 ROOT = Path(__file__).resolve().parent.parent  # of the whole kit
 
@@ -180,18 +182,6 @@ def _fields_at(model: type[BaseModel], location: tuple) -> list[str]:
     return sorted(model.model_fields)
 
 
-def _taken_for_numbers(given: Any, kept: Any, place: str = "") -> Iterator[str]:
-    """Dotted keys of every true or false that a model keeps as something else; only numbers do that."""
-    if isinstance(given, bool) and not isinstance(kept, bool):
-        yield place
-    elif isinstance(given, dict):
-        for key, value in given.items():
-            yield from _taken_for_numbers(value, kept.get(key), f"{place}.{key}" if place else str(key))
-    elif isinstance(given, list):
-        for i, value in enumerate(given):
-            yield from _taken_for_numbers(value, kept[i], f"{place}.{i}")
-
-
 AnyModel = TypeVar("AnyModel", bound=BaseModel)
 
 
@@ -207,24 +197,10 @@ def validated(model: type[AnyModel], values: Any, source: str) -> AnyModel:
             raise UnusableInput(f"{source}: unknown key '{key}'; known keys here: {known}") from None
         got = "" if isinstance(first["input"], dict) else f", got {first['input']!r}"
         raise UnusableInput(f"{source}: {key}: {first['msg']}{got}") from None
-    wrong = next(_taken_for_numbers(values, made.model_dump()), None)
+    wrong = next(taken_for_numbers(values, made.model_dump()), None)
     if wrong is not None:
         raise UnusableInput(f"{source}: {wrong}: a number is wanted, got true or false")
     return made
-
-
-class _UniqueKeys(yaml.SafeLoader):
-    """PyYAML's safe loader, but a key that stands twice in a block is an error, as YAML itself has it."""
-
-    def compose_mapping_node(self, anchor):
-        """A block's node; `yaml.MarkedYAMLError` at the second of two equal keys."""
-        node, first = super().compose_mapping_node(anchor), {}
-        for key, _ in node.value:
-            earlier = first.setdefault((key.tag, str(key.value)), key)
-            if earlier is not key:
-                problem = f"key '{key.value}' stands there twice, first in line {earlier.start_mark.line + 1}"
-                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
-        return node
 
 
 def read_yaml(path: str | Path) -> Any:
@@ -235,7 +211,7 @@ def read_yaml(path: str | Path) -> Any:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise UnusableInput(f"{path}: cannot be read: {reason}") from None
     try:
-        return yaml.load(text, _UniqueKeys)
+        return yaml.load(text, UniqueKeys)
     except (yaml.YAMLError, ValueError, RecursionError) as error:  # a 13th month, nests too deep: not PyYAML's own
         mark = getattr(error, "problem_mark", None)
         where = f" in line {mark.line + 1}" if mark else ""

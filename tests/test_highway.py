@@ -153,21 +153,21 @@ def test_a_picture_shows_the_car_where_there_is_no_display(scenario):
     env.close()
 
 
-def test_a_car_that_drives_on_hits_a_wall_and_its_page_says_so():
+def test_a_car_that_drives_on_hits_a_wall_and_its_summary_says_so():
     env = HighwayEnv(config_of("parking", 0.25))
     env.reset(seed=3)
     info, done = {}, False
     while not done:
         _, reward, terminated, truncated, info = env.step([2.0, 0.0])
         done = terminated or truncated
-    page = info["summary"]
-    assert set(page) == set(COLUMNS) - {"scenario", "arm", "training_seed", "seed"}
-    assert page["outcome"] == "hit_wall" in OUTCOMES
-    assert page["collided_with"] == "wall"
-    assert page["min_clearance_m"] == 0.0
-    assert page["preference"] == 0.25
+    summary = info["summary"]
+    assert set(summary) == set(COLUMNS) - {"scenario", "arm", "training_seed", "seed"}
+    assert summary["outcome"] == "hit_wall" in OUTCOMES
+    assert summary["collided_with"] == "wall"
+    assert summary["min_clearance_m"] == 0.0
+    assert summary["preference"] == 0.25
     assert reward < -9.0
-    assert page["energy_j"] > 0.5 * MASS_KG * 2.9**2
+    assert summary["energy_j"] > 0.5 * MASS_KG * 2.9**2
 
 
 def test_finished_worlds_begin_anew_and_their_last_observation_is_kept():
