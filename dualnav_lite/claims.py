@@ -190,13 +190,13 @@ def claims_page(claims: list[Claim], table: pd.DataFrame) -> str:
     """`docs/CLAIMS.md`: a row a claim, then what each number is."""
     counts = table.verdict.value_counts()
     summary = ", ".join(
-        f"{counts[word]} {word}" for word in ("stands", "falls", "open", NOT_MEASURED) if word in counts
+        f"{word}: {counts[word]}" for word in ("stands", "falls", "open", NOT_MEASURED) if word in counts
     )
     lines = [
         "# The article's claims, measured",
         "",
         "Made by `python kit.py claims` from `stress_tests/claims.yaml` and the tables in `stress_tests/reference/`;",
-        f"no number of ours is typed in. {len(table)} claims: {summary}.",
+        f"no number of ours is typed in. {len(table)} claims ({summary}).",
         "",
         "A claim *stands* where our 95 % bound is on its side of the article's number, *falls* where it is on the",
         "other, and is *open* where the interval allows both. Ours are numbers of this kit's simulator, not of the",

@@ -68,7 +68,7 @@ def test_who_always_pushes_the_same_way_gains_nothing(push):
     [
         (lambda arrays: arrays and arrays | {"actions": np.full((16, 1), np.nan)}, "not_finite"),
         (lambda arrays: arrays and arrays | {"actions": np.zeros((16, 2))}, "wrong_shape"),
-        (lambda arrays: arrays and arrays | {"actions": np.zeros((16, 1), np.int64)}, "wrong_shape"),
+        (lambda arrays: arrays and arrays | {"actions": np.zeros((16, 1), np.int64)}, "wrong_type"),
         (lambda arrays: arrays | {"score": np.ones(1)}, "wrong_type"),
     ],
 )

@@ -69,7 +69,9 @@ def _answered(ask: Ask, arrays: dict, shapes: dict[str, tuple[int, ...]]) -> dic
     if set(answer) != set(shapes):
         raise Useless("wrong_type")
     for name, shape in shapes.items():
-        if answer[name].dtype.kind != "f" or answer[name].shape != shape:
+        if answer[name].dtype.kind != "f":
+            raise Useless("wrong_type")
+        if answer[name].shape != shape:
             raise Useless("wrong_shape")
         if not np.isfinite(answer[name]).all():
             raise Useless("not_finite")
