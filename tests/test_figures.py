@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import matplotlib
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
@@ -15,8 +16,10 @@ import dualnav_lite.figures as figures
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.encoder import BANDS
 from dualnav_lite.figures.chinese import CHINESE
+from dualnav_lite.figures.results import RESULTS
 from dualnav_lite.figures.scenes import MEANINGS
 from dualnav_lite.figures.sheet import Words
+from dualnav_lite.judge import REFERENCE
 from dualnav_lite.render import TITLES
 from dualnav_lite.scenario import all_scenarios
 from dualnav_lite.semantics import CONTACT_OUTCOME
@@ -26,13 +29,13 @@ has_chinese_font = bool(set(figures.CHINESE_FONTS) & {f.name for f in figures.fo
 needs_chinese_font = pytest.mark.skipif(not has_chinese_font, reason="no Chinese font is installed")
 
 
-def made(name, language):
+def made(draw_figure, language):
     """A figure with its style, and the boxes [pixels] of all texts that show."""
     style = dict(figures.STYLE)
     if language == "zh":
         style["font.family"] = [figures.chinese_font(), "DejaVu Sans"]
     with matplotlib.rc_context(style):
-        figure = figures.all_figures()[name](Words(language))
+        figure = draw_figure(Words(language))
         canvas = FigureCanvasAgg(figure)
         drawn = {}
         draw = Text.draw
@@ -44,8 +47,8 @@ def made(name, language):
     return figure, boxes
 
 
-def assert_tidy(name, language):
-    figure, boxes = made(name, language)
+def assert_tidy(draw_figure, language):
+    figure, boxes = made(draw_figure, language)
     page = figure.bbox
     assert len(boxes) > 10
     for text, box in boxes:
@@ -61,14 +64,23 @@ def assert_tidy(name, language):
 @pytest.mark.parametrize("language", ["en", pytest.param("zh", marks=needs_chinese_font)])
 @pytest.mark.parametrize("name", QUICK)
 def test_no_text_lies_over_another_or_leaves_the_page(name, language):
-    assert_tidy(name, language)
+    assert_tidy(figures.all_figures()[name], language)
+
+
+@pytest.mark.parametrize("language", ["en", pytest.param("zh", marks=needs_chinese_font)])
+@pytest.mark.parametrize("name", ["survival", "battery_hours", "intervention"])
+def test_no_text_lies_over_another_in_a_figure_of_the_published_tables(name, language):
+    def read(table):
+        return pd.read_csv(REFERENCE / f"{table}.csv", encoding="utf-8")
+
+    assert_tidy(lambda words: RESULTS[name][1](words, read), language)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("language", ["en", pytest.param("zh", marks=needs_chinese_font)])
 @pytest.mark.parametrize("name", sorted(set(figures.all_figures()) - set(QUICK)))
 def test_no_text_lies_over_another_in_any_other_figure(name, language):
-    assert_tidy(name, language)
+    assert_tidy(figures.all_figures()[name], language)
 
 
 def test_every_text_in_the_code_has_its_chinese():
@@ -85,7 +97,7 @@ def test_every_text_in_the_code_has_its_chinese():
 
 def test_the_power_figure_names_the_speed_worked_out_by_hand(tmp_path):
     # P / v = 5 / v + 8 + 20 v is least at v = sqrt(5 / 20), and is 28 J/m there.
-    _, boxes = made("power", "en")
+    _, boxes = made(figures.all_figures()["power"], "en")
     assert any(text == "0.50 m/s, 28 J/m" for text, _ in boxes)
 
 

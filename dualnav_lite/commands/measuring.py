@@ -146,13 +146,15 @@ def figures(
     lang: Annotated[str, typer.Option(help="en or zh.")] = "en",
     formats: Annotated[str, typer.Option(help="Of png, svg and pdf, separated by commas.")] = "png",
     results: Annotated[Path | None, typer.Option(help="Draw the figures of this results folder instead.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder; docs/figures if not given.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder; docs/figures, or figures/ of the results, if not given.")
+    ] = None,
 ) -> int:
-    """Draw the figures of the documentation, or those of a results folder, into figures/ there."""
+    """Draw the figures of the documentation, or those of a results folder."""
     if results:
         from dualnav_lite.figures.results import make_result_figures
 
-        drawn = make_result_figures(results, lang, tuple(words(formats)), words(names) if names else None)
+        drawn = make_result_figures(results, lang, tuple(words(formats)), words(names) if names else None, out=out)
         print("\n".join(str(path) for path in drawn))
         return 0
     from dualnav_lite.config import ROOT

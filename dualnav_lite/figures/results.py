@@ -35,8 +35,9 @@ def survival(words: Words, read: Read) -> Figure:
     table = read("survival")
     shown = table[table.source != PUBLISHED] if (table.source != PUBLISHED).any() else table
     groups = [(name, group) for name, group in shown.groupby("scenario", sort=False)]
-    row, head, foot = 0.36, 0.4, 1.35
-    height = sum(len(group) * row + 0.42 for _, group in groups)
+    row, second, title, head, foot = 0.36, 0.24, 0.46, 0.4, 1.35
+    # An arm's knobs get a second line.
+    height = len(shown) * row + shown.arm.str.contains("@").sum() * second + len(groups) * title
     sheet = Sheet(11.0, head + height + foot)
     axes = sheet.axes(4.2, head, 6.4, height)
     marks: dict[str, dict] = {
@@ -49,14 +50,16 @@ def survival(words: Words, read: Read) -> Figure:
     for name, group in groups:
         top, beside = y - 0.1, bounds(table, name)
         sheet.text(0.15, head + y + 0.24, words.title(load_scenario(name)), fontweight="bold")
-        y += 0.42
+        y += title
         for one in group.itertuples():
             colour, marker = look(one.arm)
+            room = 0.5 * second * ("@" in one.arm)
+            y += room
             axes.plot([one.wilson_low, one.wilson_high], [y, y], color=colour, linewidth=2.2, solid_capstyle="butt")
             axes.plot(one.survival_rate, y, marker, color=colour, markersize=8, clip_on=False, zorder=3)
             ticks.append(y)
-            labels.append(words.row(one.arm, f"n = {one.episodes}"))
-            y += row
+            labels.append(words.row(one.arm.replace("@", "\n@"), f"n = {one.episodes}"))
+            y += row + room
         low, high = top + 0.22, y - 0.5 * row
         claim = group.article_claim.iloc[0]
         rates = {kind: beside[kind].survival_rate for kind in ("blind", "ceiling") if kind in beside}
@@ -243,19 +246,22 @@ def make_result_figures(
     formats: Sequence[str] = FORMATS,
     names: Sequence[str] | None = None,
     reference: Path = REFERENCE,
+    out: str | Path | None = None,
 ) -> list[Path]:
-    """Draw every figure whose tables exist into `<results>/figures`, with `captions.md` beside them.
+    """Draw every figure whose tables exist into a folder, with `captions.md` beside them.
 
     Args:
         results: folder with the tables of `judge.judge_folder` or of a measurement.
         language: "en" or "zh"; formats: of `figures.FORMATS`; names: of `RESULTS` and `BEYOND`, None for all that can
             be drawn.
         reference: where a table is looked for that `results` lacks.
+        out: the folder; `<results>/figures` if None.
 
     Raises:
         UnusableInput: an unknown name, language or format, a font or a table that is missing.
     """
     results = Path(results)
+    folder = Path(out) if out else results / "figures"
     known = RESULTS | BEYOND
     _check(names or (), known, "figure of results")
     _check([language], LANGUAGES, "language")
@@ -277,8 +283,6 @@ def make_result_figures(
                 continue
             figure, ending = draw(Words(language), read), ".zh" if language == "zh" else ""
             drawn.append(name)
-            written += [_save(figure, results / "figures", f"{name}{ending}.{kind}", kind) for kind in formats]
-    write_atomic(
-        results / "figures" / f"captions{'.zh' if language == 'zh' else ''}.md", caption_lines(drawn, language)
-    )
+            written += [_save(figure, folder, f"{name}{ending}.{kind}", kind) for kind in formats]
+    write_atomic(folder / f"captions{'.zh' if language == 'zh' else ''}.md", caption_lines(drawn, language))
     return written
