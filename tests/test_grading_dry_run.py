@@ -137,7 +137,8 @@ def test_a_further_task_is_tried_on_its_cell_and_its_hint_stands_in_the_feedback
     setting = SimpleNamespace(lesson=lesson, master=read_master(NOTEBOOKS / "10_ppo.ipynb", stub))
     room = SimpleNamespace(setting=lambda name: setting)
     texts = {path.stem: path.read_text(encoding="utf-8") for path in (MUTANTS / "learning").glob("*.py")}
-    few = {name: texts[name] for name in ("no_step", "right_in_one_loop")}
+    few = {"no_step": texts["no_step"]}
+    few["right_in_one_loop"] = (MUTANTS / "update" / "right_in_one_loop.py").read_text(encoding="utf-8")
     few["slow"] = texts["no_step"].replace("is not learned", "is learned slowly")
     few["right"] = texts["climbs_down"].replace("# hint: is not learned", "# right")
     assert dry._tried(room, "10_ppo", "learning", few) == [
