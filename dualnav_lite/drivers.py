@@ -108,6 +108,8 @@ def make_driver(arm_id: str, config: Config | None = None):
         return FilteredDriver(make_driver(arm_id.removesuffix("_filter"), config), config or Config())
     if arm_id.endswith((".onnx", ".pt")):
         return EmbeddedPolicy(_existing(arm_id), config)
+    if arm_id.startswith(("ppo@", "ablation_")) and "@" in arm_id:
+        raise UnusableInput(f"arm '{arm_id}': a trained policy has no knob; its trade-off is --preference")
     if arm_id != "ppo" and not arm_id.startswith("ablation_"):
         return make_planner(arm_id, config)
     is_ablation = arm_id != "ppo"

@@ -7,7 +7,7 @@ import moocore
 import numpy as np
 import pandas as pd
 
-from dualnav_lite.config import UnusableInput, read_yaml
+from dualnav_lite.config import Frozen, NonNegative, Positive, UnusableInput, read_yaml, validated
 from dualnav_lite.scenario import SCENARIO_FOLDER
 from dualnav_lite.survival import survived
 
@@ -22,13 +22,21 @@ EPISODE_COLUMNS = ["scenario", "arm", "seed", "safe_dist_m", "energy_j", "pareto
 DRAWS = 1000
 
 
+class ReferencePoint(Frozen):
+    """One block of `reference_point.yaml`."""
+
+    safe_dist_m: NonNegative
+    energy_j_per_goal: Positive
+
+
 def reference_point(scenario: str, path: Path = REFERENCE_POINT) -> tuple[float, float]:
     """(safe_dist_m, energy_j_per_goal) that a point must beat to count, fixed before anything was measured."""
     values = read_yaml(path)
     point = values.get(scenario, values.get("default")) if isinstance(values, dict) else None
-    if not isinstance(point, Mapping) or set(point) != set(OBJECTIVES):
+    if not isinstance(point, Mapping):
         raise UnusableInput(f"{path}: '{scenario}' (or 'default') must hold {' and '.join(OBJECTIVES)}")
-    return float(point[OBJECTIVES[0]]), float(point[OBJECTIVES[1]])
+    made = validated(ReferencePoint, point, str(path))
+    return made.safe_dist_m, made.energy_j_per_goal
 
 
 def safe_distance(rows: pd.DataFrame) -> pd.Series:

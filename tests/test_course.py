@@ -290,8 +290,8 @@ def test_submit_drives_the_policy_and_says_what_range_to_expect_in_other_rooms(t
     ):
         said.clear()
         submission.try_out(work, out, 2, said.append, lang=lang, scenarios=("navigation", "comms_dropout"))
-        assert [re.match(r"\w+", line)[0] for line in said[1::3]] == ["navigation", "comms_dropout"]
-        assert re.search(expected, said[2]), said
+        assert [re.match(r"\w+", line)[0] for line in said[2::3]] == ["navigation", "comms_dropout"]
+        assert re.search(expected, said[3]), said
 
 
 def test_submit_without_runs_packs_the_folder_that_grading_takes(tmp_path, monkeypatch, capsys):

@@ -158,6 +158,8 @@ def test_drivers_are_found_by_name_or_file(exported):
     assert filtered.fingerprint != make_driver(str(exported[1]["onnx"]), Config()).fingerprint
     with pytest.raises(UnusableInput, match="unknown arm 'nobody'"):
         make_driver("nobody", Config())
+    with pytest.raises(UnusableInput, match=r"'ppo@max_speed=1': a trained policy has no knob; .* --preference"):
+        make_driver("ppo@max_speed=1", Config())
 
 
 def test_an_ablation_brings_the_settings_it_was_trained_under(tmp_path):

@@ -109,6 +109,9 @@ def test_the_reference_point_is_committed_and_a_wrong_file_is_named(tmp_path):
     path.write_text("default: {safe_dist_m: 0.0}\n", encoding="utf-8")
     with pytest.raises(UnusableInput, match="energy_j_per_goal"):
         reference_point("pop_up", path)
+    path.write_text("default: {safe_dist_m: 0.0, energy_j_per_goal: much}\n", encoding="utf-8")
+    with pytest.raises(UnusableInput, match=r"point\.yaml: energy_j_per_goal: .*got 'much'"):
+        reference_point("pop_up", path)
 
 
 MEASURED = rows(
