@@ -5,7 +5,10 @@ from pathlib import Path
 
 import pandas as pd
 
+from dualnav_lite.beyond.page import write_page
 from dualnav_lite.config import UnusableInput, write_atomic
+
+TRAINING_SEEDS = (0, 1, 2)
 
 
 def crowdnav(quick: bool, save) -> pd.DataFrame:
@@ -32,19 +35,21 @@ def onboard(quick: bool, save) -> pd.DataFrame:
 
 
 def parking(quick: bool, save) -> pd.DataFrame:
-    """This kit's PPO parks cars of highway-env, SB3's beside it where installed (2 minutes of CPU)."""
+    """This kit's PPO parks cars of highway-env, SB3's beside it where installed (9 minutes of CPU)."""
     from dualnav_lite.beyond.highway_agent import highway_table
 
-    return highway_table("parking", (0,), 1_024, 2, on_row=save) if quick else highway_table("parking", on_row=save)
+    if quick:
+        return highway_table("parking", (0,), 1_024, 2, on_row=save)
+    return highway_table("parking", TRAINING_SEEDS, on_row=save)
 
 
 def traffic(quick: bool, save) -> pd.DataFrame:
-    """Three preferences in the traffic of highway-env, beside a planner (3 minutes of CPU)."""
+    """Three preferences in the traffic of highway-env, beside a planner (9 minutes of CPU)."""
     from dualnav_lite.beyond.highway_agent import highway_table
 
     if quick:
         return highway_table("traffic", (0,), 1_024, 2, peers=False, on_row=save)
-    return highway_table("traffic", peers=False, on_row=save)
+    return highway_table("traffic", TRAINING_SEEDS, peers=False, on_row=save)
 
 
 def fleet(quick: bool, save) -> pd.DataFrame:
@@ -73,7 +78,7 @@ TABLES: dict[str, Callable] = {
 
 
 def run(name: str, out: str | Path, quick: bool = False) -> pd.DataFrame:
-    """Measure one table and write it to `<name>.csv`, as far as it is known, while it grows.
+    """Measure one table and write it to `<name>.csv`, while it grows, and into the folder's page where there is one.
 
     Args:
         name: one of `TABLES`.
@@ -91,4 +96,5 @@ def run(name: str, out: str | Path, quick: bool = False) -> pd.DataFrame:
 
     table = TABLES[name](quick, save)
     save(table)
+    write_page(out)
     return table
