@@ -27,7 +27,7 @@ class Question:
         share: of the exercise's points; the shares of a task add up to 1.
         tolerance: absolute and relative.
         also: names of answers with a reason code of their own.
-        other: values that are right too, where more than one way is.
+        other: by name more values that are right, where more than one way is.
     """
 
     hint: str
@@ -36,7 +36,7 @@ class Question:
     share: float
     tolerance: float = 1e-6
     also: dict[str, str] = field(default_factory=dict)
-    other: dict[str, np.ndarray] = field(default_factory=dict)
+    other: dict[str, list[np.ndarray]] = field(default_factory=dict)
 
     def judge(self, answer: dict[str, np.ndarray]) -> str:
         """Empty where the answer is right, else a reason code."""
@@ -49,7 +49,7 @@ class Question:
             given = given.astype(np.float64)
             if not np.isfinite(given).all():
                 return "not_finite"
-            rights = [right, *([self.other[name]] if name in self.other else [])]
+            rights = [right, *self.other.get(name, [])]
             if not any(np.allclose(given, one, rtol=self.tolerance, atol=self.tolerance) for one in rights):
                 return self.also.get(name, self.hint)
         return ""

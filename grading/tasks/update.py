@@ -15,7 +15,7 @@ def _clipped(gradients: list[np.ndarray], most: float) -> list[np.ndarray]:
     return [one * min(1.0, most / (norm + 1e-6)) for one in gradients]
 
 
-def _policy_step(weights, bias, batch, rows, rule):
+def _policy_step(weights, bias, batch, rows, rule, ddof):
     """Parameters after one step; policy loss, entropy and approximate KL before it."""
     seen, taken = batch["observations"][rows], batch["actions"][rows]
     logits = seen @ weights.T + bias
@@ -24,7 +24,7 @@ def _policy_step(weights, bias, batch, rows, rule):
     p, picked = np.exp(log_p), np.eye(2)[taken]
     change = (log_p * picked).sum(1) - batch["log_probs"][rows]
     ratio, gain = np.exp(change), batch["advantages"][rows]
-    gain = (gain - gain.mean()) / (gain.std() + 1e-8)
+    gain = (gain - gain.mean()) / (gain.std(ddof=ddof) + 1e-8)
     clipped = np.clip(ratio, 1.0 - rule["clip_range"], 1.0 + rule["clip_range"])
     entropy = -(p * log_p).sum(1)
     told = [-np.mean(np.minimum(ratio * gain, clipped * gain)), entropy.mean(), np.mean(ratio - 1.0 - change)]
@@ -43,14 +43,17 @@ def _value_step(weights, bias, batch, rows, rule):
     return weights - RATES[1] * gradients[0], bias - RATES[1] * gradients[1], loss
 
 
-def _right(batch, rule, policy_steps=10**9):
-    """Everything that is compared, after at most so many steps of the policy."""
+def _right(batch, rule, policy_steps=10**9, ddof=0):
+    """Everything that is compared, after at most so many steps of the policy.
+
+    `ddof` 1 is the deviation of a sample, by n - 1, which torch's `std` gives unasked; it is as right as 0.
+    """
     actor, critic = (batch["actor_weights"], batch["actor_bias"]), (batch["critic_weights"], batch["critic_bias"])
     steps, told, loss = 0, [0.0] * 3, 0.0
     for _ in range(int(rule["epochs"])):
         for rows in np.split(np.arange(len(batch["actions"])), len(batch["actions"]) // int(rule["minibatch"])):
             if steps < policy_steps:
-                *actor, told = _policy_step(*actor, batch, rows, rule)
+                *actor, told = _policy_step(*actor, batch, rows, rule, ddof)
                 steps += 1
             *critic, loss = _value_step(*critic, batch, rows, rule)
     found = {"actor": np.column_stack(actor), "critic": np.column_stack(critic), "advantages": batch["advantages"]}
@@ -89,18 +92,18 @@ def questions(rng: np.random.Generator) -> list[Question]:
         rule = {"epochs": 1, "minibatch": samples, "clip_range": 0.2, "entropy_coef": 0.0, "max_gradient_norm": 1e3}
         rule |= {"target_kl": 1e3} | changes
         right, numbers = _right(batch, rule)
+        other = {"actor": [_right(batch, rule, ddof=1)[0]["actor"]]}
         arrays = batch | {name: np.array(float(value)) for name, value in rule.items()}
-        return Question(hint, arrays, right | ({"numbers": numbers} if tells else {}), share, 1e-5, also)
+        return Question(hint, arrays, right | ({"numbers": numbers} if tells else {}), share, 1e-5, also, other)
 
     def brake(share):
         """Each epoch is one minibatch, and the first step goes too far: no second one, or one before it shows."""
         batch = _a_batch(rng, 24)
         rule = {"epochs": 12, "minibatch": 24, "clip_range": 0.2, "entropy_coef": 0.0, "max_gradient_norm": 1e3}
         rule |= {"target_kl": 1e-7}
-        right = {"actor": _right(batch, rule, 1)[0]["actor"]}
-        other = {"actor": _right(batch, rule, 2)[0]["actor"]}
+        right, *others = (_right(batch, rule, steps, ddof)[0]["actor"] for steps in (1, 2) for ddof in (0, 1))
         arrays = batch | {name: np.array(float(value)) for name, value in rule.items()}
-        return Question("brake_where_it_moved_too_far", arrays, right, share, 1e-5, other=other)
+        return Question("brake_where_it_moved_too_far", arrays, {"actor": right}, share, 1e-5, other={"actor": others})
 
     return [
         ask("one_step_down_the_loss", 0.2, tells=True),
