@@ -131,7 +131,8 @@ def is_close(got: Any, expected: Any, close: float = CLOSE) -> bool:
         same = isinstance(got, Mapping) and set(got) == set(expected)
         return same and all(is_close(got[key], expected[key], close) for key in expected)
     if isinstance(expected, tuple):
-        same = isinstance(got, tuple | list) and len(got) == len(expected)
+        is_row = isinstance(got, tuple | list) or np.ndim(got) > 0  # `np.stack([low, high])` unpacks as well
+        same = is_row and len(got) == len(expected)
         return same and all(is_close(one, other, close) for one, other in zip(got, expected, strict=True))
     try:
         got, expected = np.asarray(got, float), np.asarray(expected, float)
