@@ -80,18 +80,23 @@ def bands_fill_their_rows(mine):
 def bands_stay_in_their_range(mine):
     clip = Text("clip to [-1, 1]: a band never leaves its range", "截断到 [-1, 1]：条带不能超出范围")
     claim = Text("1.6 m/s reads 1, no more", "1.6 m/s 也只读作 1")
-    given = {"ego": an_ego(twist=np.array([1.6, 0.0]))}
+    given = {"ego": an_ego(twist=np.array([1.6, -2.4]))}
     expect(claim, _band(mine, MIDDLES[0]), given, 1.0, [(2.0, clip)], 1e-5)
+    claim = Text("-2.4 rad/s reads -1, no less", "-2.4 rad/s 也只读作 -1")
+    expect(claim, _band(mine, MIDDLES[1]), given, -1.0, [(-2.0, clip)], 1e-5)
     claim = Text("a map 9 s old reads 1, no more", "时延 9 s 的地图也只读作 1")
     expect(claim, _band(mine, MIDDLES[8]), {"ego": an_ego(map_age_s=9.0)}, 1.0, [(4.5, clip)], 1e-5)
     claim = Text(
-        "a goal at the robot's own place is straight ahead: cosine 1", "目标就在机器人处时视为正前方：余弦为 1"
+        "a goal and a guide point at the robot's own place are straight ahead: sine 0, cosine 1",
+        "目标和引导点就在机器人处时视为正前方：正弦为 0，余弦为 1",
     )
     zero = Text("0 / 0: look at the distance first", "0 / 0：先判断距离")
     with np.errstate(all="ignore"):
-        image = np.asarray(call(claim, mine, {"ego": an_ego(goal_robot=np.zeros(2))}), float)
-    got = image[MIDDLES[3:6], 0]
-    hold(claim, is_close(got, np.array([0.0, 0.0, 1.0]), 1e-5), "goal_robot = [0, 0]", "0, 0, 1", got, zero)
+        here = an_ego(goal_robot=np.zeros(2), guide_robot=np.zeros(2))
+        image = np.asarray(plain(call(claim, mine, {"ego": here})), float)
+    got = image[MIDDLES[3:8], 0]
+    right = np.array([0.0, 0.0, 1.0, 0.0, 1.0])
+    hold(claim, is_close(got, right, 1e-5), "goal_robot = guide_robot = [0, 0]", right, got, zero)
 
 
 # project_intensity(scan)
@@ -120,6 +125,7 @@ STRONGEST = Text("keep the strongest beam of a cell (`np.maximum.at`)", "每格�
 WRAPPED = Text(
     "a negative index wraps round: leave out what lies beyond the image", "负下标会绕到另一侧：图像以外的要去掉"
 )
+TRUNCATED = Text("round down with `np.floor`: `int` makes 0 of -0.5", "用 `np.floor` 向下取整：`int` 会把 -0.5 变成 0")
 
 
 def _image_of(claim, mine, scan, right, usual=()):
@@ -158,6 +164,9 @@ def what_lies_beyond_leaves_no_trace(mine):
     got = np.asarray(call(claim, mine, {"scan": scan}), float)
     hold(claim, got.shape == (64, 64), "", "(64, 64)", str(got.shape), SHAPE)
     hold(claim, not got.any(), "5 m", "0", got, WRAPPED)
+    claim = Text("beams that end 5 cm beyond the image leave no trace either", "落在图像之外 5 cm 处的光束也不留痕迹")
+    got = np.asarray(call(claim, mine, {"scan": a_scan((1.0, 3.25, 0.8), (91.0, 3.25, 0.8))}), float)
+    hold(claim, not got.any(), "3.25 m", "0", got, TRUNCATED)
 
 
 # encode_state(scans, poses, map_crop, ego)

@@ -15,6 +15,7 @@ from dualnav_lite.trunks import VectorTrunk, layer
 
 # update(actor, critic, optimizers, batch, settings, rng)
 
+SETTINGS = PPO(epochs=3, minibatch=12, clip_range=0.2, entropy_coef=0.0, target_kl=10.0, threads=1)
 NEGATED = Text("a loss is made small, the objective large: minus", "损失要最小化，目标函数要最大化：取负号")
 
 
@@ -50,8 +51,11 @@ class Counting(torch.optim.SGD):
         return super().step(closure)
 
 
-def a_problem(samples: int = 48, scale: float = 1.0):
-    """Policy, values, optimisers and a batch in which action 1 was better than expected and action 0 worse."""
+def a_problem(samples: int = 48, scale: float = 1.0, shift: float = 0.0, first: float = 0.0):
+    """Policy, values, optimisers and a batch in which action 1 was better than expected and action 0 worse.
+
+    `scale` multiplies all advantages, `shift` adds to all, `first` to those of the first minibatch.
+    """
     with torch.random.fork_rng():
         torch.manual_seed(3)
         actor, critic = Actor(VectorTrunk(4), TwoActions(64)), Critic(VectorTrunk(4), 2)
@@ -59,20 +63,33 @@ def a_problem(samples: int = 48, scale: float = 1.0):
     with torch.no_grad():
         log_probs = actor.head.judge(actor(observations), actions)[0]
         values = critic(observations)
-    advantages = scale * (torch.where(actions == 1, 1.0, -1.0) + 0.5)  # not centred: normalising shows
+    advantages = scale * (torch.where(actions == 1, 1.0, -1.0) + 0.5) + shift  # not centred: normalising shows
+    advantages[: SETTINGS.minibatch] += first
     returns = torch.stack([torch.full((samples,), 2.0), torch.full((samples,), -1.0)], dim=1)
     batch = Batch(observations, actions, log_probs, advantages, returns, values)
     return actor, critic, (Counting(actor.parameters(), 0.1), Counting(critic.parameters(), 0.05)), batch
 
 
-SETTINGS = PPO(epochs=3, minibatch=12, clip_range=0.2, entropy_coef=0.0, target_kl=10.0, threads=1)
+class InOrder:
+    """In place of a generator: what it mixes stays in order, so that it is known which samples share a minibatch."""
+
+    def permutation(self, samples):
+        """The samples, or the numbers below a number, as they come."""
+        return np.arange(samples) if np.ndim(samples) == 0 else np.array(samples)
+
+    def shuffle(self, samples) -> None:
+        """Nothing moves."""
+
+    def spawn(self, count: int) -> list:
+        """As many more of its kind."""
+        return [InOrder() for _ in range(count)]
 
 
-def _updated(mine, claim, settings=SETTINGS, **changes):
+def _updated(mine, claim, settings=SETTINGS, rng=None, **changes):
     """The problem after the student's update, and what it returned."""
     actor, critic, optimizers, batch = a_problem(**changes)
     try:
-        numbers = mine(actor, critic, optimizers, batch, settings, np.random.default_rng(0))
+        numbers = mine(actor, critic, optimizers, batch, settings, rng or np.random.default_rng(0))
     except Exception as error:
         raise verdict_on(error, claim, shown(settings.model_dump()), "") from None
     if numbers is None:
@@ -115,27 +132,44 @@ def values_come_closer_to_the_returns(mine):
     hold(claim, after < 0.95 * before, "", f"< {0.95 * before:.3f}", after, NEGATED)
 
 
+def _gap(one, other) -> float:
+    """Largest difference between the parameters of two networks."""
+    pairs = zip(one.parameters(), other.parameters(), strict=True)
+    return max(float((a - b).detach().abs().max()) for a, b in pairs)
+
+
+def the_generator_gives_the_order(mine):
+    claim = Text("the same generator gives the same update", "同样的随机数生成器得到同样的更新")
+    first, second = (_updated(mine, claim)[0] for _ in range(2))
+    hint = Text("mix by `rng.permutation`, and by nothing else", "只用 `rng.permutation` 打乱次序")
+    hold(claim, _gap(first, second) < 1e-6, "", "0", _gap(first, second), hint)
+
+
 def advantages_are_normalised(mine):
-    claim = Text(
-        "advantages 100 times as large change nothing: they are normalised", "优势放大 100 倍结果不变：要先归一化"
-    )
-    first, second = (_updated(mine, claim, scale=scale)[0] for scale in (1.0, 100.0))
-    pairs = zip(first.parameters(), second.parameters(), strict=True)
-    gap = max(float((a - b).detach().abs().max()) for a, b in pairs)
     hint = Text("subtract the mean, divide by the deviation, in each minibatch", "每个小批量内减去均值，再除以标准差")
-    hold(claim, gap < 1e-3, "", "0", gap, hint)
+    changes = {
+        "scale": (100.0, Text("advantages 100 times as large change nothing", "优势放大 100 倍，结果不变")),
+        "shift": (3.0, Text("3 more on every advantage changes nothing", "每个优势都加 3，结果不变")),
+        "first": (30.0, Text("30 more on those of one minibatch changes nothing", "某个小批量的优势加 30，结果不变")),
+    }
+    for name, (value, claim) in changes.items():
+        plain = _updated(mine, claim, rng=InOrder())[0]
+        changed = _updated(mine, claim, rng=InOrder(), **{name: value})[0]
+        hold(claim, _gap(plain, changed) < 1e-3, "", "0", _gap(plain, changed), hint)
 
 
 def gradients_are_clipped(mine):
     claim = Text("no gradient is longer than max_gradient_norm", "梯度长度不超过 max_gradient_norm")
     small = SETTINGS.model_copy(update={"max_gradient_norm": 0.01})
     _, _, optimizers, _, _ = _updated(mine, claim, small)
-    longest = max(one.longest for one in optimizers)
+    longest = [one.longest for one in optimizers]
     hint = Text(
         "`torch.nn.utils.clip_grad_norm_` of each network before its step",
         "每个网络更新前调用 `torch.nn.utils.clip_grad_norm_`",
     )
-    hold(claim, longest <= 0.0101, "", "<= 0.01", longest, hint)
+    hold(claim, max(longest) <= 0.0101, "", "<= 0.01", max(longest), hint)
+    claim = Text("longer gradients are cut to it, policy and values apart", "更长的梯度截到这个长度，两个网络分开截")
+    hold(claim, min(longest) >= 0.0099, "", "0.01, 0.01", np.array(longest), hint)
 
 
 def entropy_is_worth_something(mine):
@@ -188,6 +222,7 @@ PROPERTIES = [
     every_epoch_takes_every_minibatch,
     better_actions_become_likelier,
     values_come_closer_to_the_returns,
+    the_generator_gives_the_order,
     advantages_are_normalised,
     gradients_are_clipped,
     it_stops_where_the_policy_has_moved_too_far,
