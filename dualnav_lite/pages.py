@@ -31,8 +31,8 @@ TEXTS = {
     "en": {
         "title": "Stress test",
         "made": "Made by `{command}`, kit {kit}, {machine}. Seeds {seeds}; every arm runs the same.",
-        "summary": "Of the article's {n} rates `{arm}` beats {beaten} with certainty (the exact 95 % lower bound lies above); "
-                   "{open} stay open (the interval holds the article's rate), {missed} are missed.",
+        "summary": "Of {n} rows with a rate of the article `{arm}` beats {beaten} with certainty (the exact 95 % lower bound lies "
+                   "above); {open} stay open (the interval holds the article's rate), {missed} are missed.",
         "failed": "Failed", "who": "Who survives", "against": "Against the article", "pairs": "On the same seeds",
         "three": "Three hours, no contact allowed", "published": "Published arms, joined by seed", "figures": "Figures",
         "reading": "Survived: goal reached in time, no contact, charge left. Interval: Wilson, 95 %. `article`: the rate that "
@@ -52,8 +52,8 @@ TEXTS = {
     "zh": {
         "title": "压力测试",
         "made": "由 `{command}` 生成，套件版本 {kit}，{machine}。种子 {seeds}；各方案使用相同种子。",
-        "summary": "文章的 {n} 项存活率中，`{arm}` 有把握地超过 {beaten} 项（精确 95 % 下限高于文章数值）；{open} 项尚无定论（区间"
-                   "包含文章数值），{missed} 项未达到。",
+        "summary": "表中有文章数值的 {n} 行里，`{arm}` 有把握地超过 {beaten} 行（精确 95 % 下限高于文章数值）；{open} 行尚无定论（区间"
+                   "包含文章数值），{missed} 行未达到。",
         "failed": "失败", "who": "存活情况", "against": "与文章对照", "pairs": "相同种子上的比较",
         "three": "三小时，不允许任何接触", "published": "已发布的其他方案（按种子合并）", "figures": "图",
         "reading": "存活：按时到达目标、无接触、电量未耗尽。区间：Wilson，95 %。“文章”：文章为其自身策略声称的存活率。静止基线：`{floor}`。"
@@ -131,7 +131,7 @@ def blocks(
 
 
 def _summary(measured: pd.DataFrame, say: Mapping[str, str]) -> list[str]:
-    """A line an arm of the policy: how many of the article's rates it beats."""
+    """A line an arm of the policy: how many rows with a rate of the article it beats."""
     lines = []
     for arm, rows in measured.groupby("arm", sort=False):
         found = [stands(row) for row in rows.itertuples() if stands(row)]
