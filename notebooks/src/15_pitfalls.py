@@ -276,11 +276,27 @@ print(f"92 of 100 runs means any rate from {low:.0f} to {high:.0f} % (lesson 13)
 # expect: 92 of 100 runs means any rate from 85 to 96 % (lesson 13)
 
 # %% [markdown]
+# ## 8. The rest, a line each
+#
+# | article | what is wrong with it | here |
+# |---|---|---|
+# | rewards are "differentiable" (1, 2.3) | PPO never differentiates a reward, only log-probabilities and values | lesson 10 |
+# | the map comes from SLAM, "not prebuilt" (2.2), and on the robot from an SD card (3.3) | the second contradicts the first | lesson 03 builds it while driving, and tells its age |
+# | energy is $\lvert v \rvert + 0.5 \lvert \omega \rvert$ (2.3), then joules (5.1) | standing still is free, and no watt stands between the two | lesson 01 |
+# | "below 20 % battery it takes shorter, riskier ways" (2.2); safety and energy are "never traded" (end) | a correlation is no cause, and the two sentences contradict each other | flip the battery band alone, on the same states: `python kit.py measure intervention`, `docs/CLAIMS.md` |
+# | a box pops up 2 m ahead at 1.5 m/s (5.3) | head-on, a planner that knows everything survives 9 of 500 | it slides in from the side; `pop_up_head_on` is shown and never counted |
+# | differential evolution on the policy's outputs draws the front (5.1) | points that no policy reaches | changed commands are executed, and judged on new seeds: `python kit.py measure perturb` |
+# | better safety at no more energy dominates (5.1) | so does equal safety at less energy | lesson 12 |
+# | "four core packages" (3.1) | the simulator and scipy (5.1) are not among them | `requirements.txt` |
+# | 42 % more stable, "see the appendix" (2.1) | there is no appendix | `training/studies/stability.yaml` |
+# | flow takes 28 ms on the robot (3.3), and 62 ms (5.2) | one of the two | lesson 14 measures stages and their p99 |
+# | `torch.jit` (3.3), an STM32 in the comment | TorchScript is deprecated, and no microcontroller runs PyTorch | TorchScript and ONNX, lesson 14 |
+#
 # ## Change this one line and look
 #
 # - `least=0.12` in the filter: which value kills the ghosts, and which kills the dark walls?
 # - `LISTINGS`: mend one with the least change, run the cell, and see "runs".
 # - In part 1, the reckless driver's `0.1`: at which distance does the running deviation stop caring?
 #
-# The whole list, with the kit's answer to each row, stands in the lessons: 04 (flow), 05 (predictor), 06 (state), 07
+# What is not here stands in the lessons: 01 (energy), 02 (darkness), 03 (map), 04 (flow), 05 (predictor), 06 (state), 07
 # (rewards), 08 (the loop), 09 and 10 (PPO), 12 (fronts), 13 (rates), 14 (latency).
