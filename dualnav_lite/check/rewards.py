@@ -215,7 +215,7 @@ def all_safety_forgets_energy(mine):
 
 
 def a_low_battery_makes_energy_dear(mine):
-    claim = Text("preference 0.5 at 20 % charge: energy 3.4 times as dear", "偏好 0.5、电量 20 %：能耗权重为 3.4 倍")
+    claim = Text("preference 0.5 at 20 % charge: energy counts 3.4 times", "偏好 0.5、电量 20 %：能耗权重为 3.4 倍")
     right = np.array([0.45, 0.25, 0.20 * 3.4, 0.10, 1.0])
     constant, turned = right.copy(), right.copy()
     constant[2], turned[2] = 0.20, 0.20 * 1.6

@@ -100,7 +100,7 @@ def show(run):
     left.axhline(0, color=RED, linewidth=1)
     left.set(title="how close", xlabel="time [s]", ylabel="clearance [m]")
     right.plot(table.time_s, table.energy_j, color=ORANGE)
-    right.set(title="how dear", xlabel="time [s]", ylabel="energy [J]")
+    right.set(title="how expensive", xlabel="time [s]", ylabel="energy [J]")
     plt.show()
     print(f"{run['outcome']} after {table.time_s.iloc[-1]:.1f} s: ", end="")
     print(f"safe distance {max(0, table.clearance_m.min()):.2f} m, energy {table.energy_j.iloc[-1]:.0f} J")
@@ -187,4 +187,4 @@ speeds.round(2)
 # - `commands` in part 1: bring the robot to the goal yourself, by hand. Can you beat the planner in joules?
 # - `SEED = 207`: another room.
 # - `"crowd_crossing"` in part 3: `"pop_up"`, `"low_light"`, `"crowd_reactive"`.
-# - `slow_m_s = 0.5` in part 4: 0.2. Slow, and dear.
+# - `slow_m_s = 0.5` in part 4: 0.2. Slower, and yet more expensive.

@@ -47,7 +47,7 @@ lesson_style()
 # $$x \mathrel{+}= v\cos\theta_m\,dt \qquad y \mathrel{+}= v\sin\theta_m\,dt \qquad \theta \mathrel{+}= \omega\,dt$$
 #
 # **Exercise `step_pose`** (easy, important, 5 minutes). `pose` is an array x [m], y [m], heading [rad],
-# counter-clockwise. Return the new one.
+# counter-clockwise. Return the new one, and leave the old one as it is.
 
 # %% grade_id="step_pose" tags=["solution"]
 def step_pose(pose, v_left, v_right, track, dt):
@@ -199,8 +199,8 @@ print(f"{least}; at 0.8 m/s {joules[-1]:.1f}, at 0.1 m/s {joules[0]:.1f}")
 # expect: cheapest 0.50 m/s: 28.0 J/m; at 0.8 m/s 30.3, at 0.1 m/s 60.0
 
 # %% [markdown]
-# A robot that only wants to save energy does not stand still, then: it drives at half speed. And who is careful by
-# crawling pays twice as much.
+# So a robot that has a way to go and only wants to save energy does not crawl: it drives at 0.5 m/s. And a careful one
+# that crawls pays twice as much for the same way.
 #
 # ## 4. People in the way
 #
@@ -263,7 +263,7 @@ print(f"astar: {astar.j_per_m[0]:.0f} J/m alone, {astar.j_per_m[5]:.0f} J/m amon
 summary.round(2)
 
 # %% [markdown]
-# Without people both arrive always, and keep more than half a metre of room. With five people they stop and go, pay more
+# Without people both arrive always, and on average keep more than half a metre of room. With five people they stop and go, pay more
 # for each metre, pass within centimetres, and do not always arrive: A\* runs into somebody in every second hall. The map
 # says where people *are*; what a robot needs to know is where they *will be*. That is lesson 05.
 #

@@ -248,10 +248,10 @@ print(f"towards: x {towards.x}, radial {towards.radial}; to the right: x {crossi
 # expect: towards: x 0.0, radial 1.0; to the right: x 0.8, radial 0.0
 
 # %% [markdown]
-# `x` is blind for who walks straight at the robot. (The article says that the other part adds less than 5 %; its crowd
-# crosses sideways.) `radial` is blind for who crosses. `speed` sees both and cannot tell them apart.
+# `x` does not see a person who walks straight at the robot. (The article says that the other part adds less than 5 %; its
+# crowd crosses sideways.) `radial` does not see one who crosses. `speed` sees both and cannot tell them apart.
 #
-# And all three are blind for the slow. From the first to the last image somebody at 0.4 m/s moves 8 cm, less than a
+# And none of the three sees a slow walker. From the first to the last image somebody at 0.4 m/s moves 8 cm, less than a
 # cell:
 
 # %%
@@ -267,8 +267,8 @@ print(f"seen: {seen[1]:.1f} of the moments at 0.4 m/s, {seen[5]:.1f} at 1.2 m/s"
 # %% [markdown]
 # Three scans are too short a memory. The kit's own channel comes from a *tracker* that follows people over many scans
 # and paints where they will be in the next two seconds: the deeper the colour, the sooner. On the same 100 drives its
-# error on people is 0.06 m/s. Lesson 05 opens it. The four beside each other while five people cross, red above 0, blue below,
-# echoes in black:
+# error on people is 0.06 m/s. Lesson 05 opens it. Here are the four side by side while five people cross: red above 0, blue
+# below, echoes in black.
 
 # %%
 def draw_channels(k):

@@ -7,7 +7,7 @@
 # **Time**: 30 minutes for you, 12 s of CPU. **Number to expect**: among people who react, straight lines hit
 # **80 %** of the places two seconds ahead; the LSTM **87 %**.
 #
-# Two seconds at 0.8 m/s are 1.6 m. Who plans with where people *are* drives into where they *will be*.
+# Two seconds at 0.8 m/s are 1.6 m. A robot that plans with where people *are* drives into where they *will be*.
 
 # %% tags=["parameters"]
 quick = False  # the tests run this notebook with fewer pictures
@@ -51,7 +51,7 @@ lesson_style()
 #
 # $$x(t) = x + t\,v \qquad t = 0.1,\ 0.2,\ \dots,\ 2.0\ \text{s}$$
 #
-# **Exercise `constant_velocity`** (easy, very important, 5 minutes).
+# **Exercise `constant_velocity`** (easy, very important, 5 minutes). With nobody about k is 0, the shape (0, 20, 2).
 
 # %% grade_id="constant_velocity" tags=["solution"]
 def constant_velocity(positions, velocities):

@@ -124,7 +124,9 @@ plt.show()
 #
 # The *way* runs along free space: through the door, not through the wall. With the trainer's $\gamma$ the discounted sum
 # over a run telescopes to $\gamma^T \Phi(s_T) - \Phi(s_0)$: nothing the robot does on the way can change it, so the best
-# policy stays the best. With $\gamma = 1$ a metre is worth the same whenever it is driven. The kit takes 1; part 6 says why.
+# policy stays the best. (Strictly, $\Phi$ must be 0 at *every* end for that. Here a crash keeps the $\Phi$ of the place
+# where it happened, which only makes it more expensive.) With $\gamma = 1$ a metre is worth the same whenever it is driven. The
+# kit takes 1; part 6 says why.
 #
 # **Exercise `goal`** (medium, important, 10 minutes). `before` and `after` are metres, `reached` is a bool; or arrays of
 # them. `gamma` is a number, whichever the caller wants.
@@ -176,7 +178,7 @@ print(f"waiting pays {3.0 * np.exp(-0.6 / 5.0) * 100:.0f} in the article, {progr
 # learn thrift from it. And without `terminal` a crash is a way out of the penalties.
 #
 # **Exercise `reward_terms`** (medium, very important, 10 minutes). Each field in the table is one number or one bool. Return
-# a dictionary with these five keys. Who touches something while arriving has failed.
+# a dictionary with these five keys. A contact on arrival is a failure.
 
 # %% grade_id="reward_terms" tags=["solution"]
 def reward_terms(t: Transition) -> dict:

@@ -3,8 +3,8 @@
 #
 # **Aim**: put your encoder and your rewards into a Gymnasium environment and write the loop that every agent lives in.
 #
-# **Time**: 30 minutes for you, 8 s of CPU. **Number to expect**: A\* arrives in **6** of 6 rooms, who drives straight
-# on in none; and the article's loop raises at its first step.
+# **Time**: 30 minutes for you, 8 s of CPU. **Number to expect**: A\* arrives in **6** of 6 rooms, a driver that goes
+# straight on in none; and the article's loop raises at its first step.
 
 # %% tags=["parameters"]
 quick = False  # the tests run this notebook without the film
@@ -31,7 +31,7 @@ lesson_style()
 # %% [markdown]
 # ## 1. Your robot
 #
-# From earlier lessons: what passes there is used here, in place of the library's. Who got stuck goes on all the same.
+# From earlier lessons: what passes there is used here, in place of the library's. If you got stuck, go on all the same.
 # (Save the earlier notebook first: `part` reads the file. `python kit.py status`, or `status()` from
 # `dualnav_lite.parts`, lists all parts and whose they are.)
 

@@ -104,7 +104,7 @@ check("value_loss", value_loss)
 # (of the old policy), `.advantages` and `.returns`; rows are taken out of each by `[rows]`. In each round:
 #
 # 1. put the samples into a new order, `rng.permutation(N)`, and cut it into pieces of `settings.minibatch`;
-# 2. **normalise** the piece's advantages: minus their mean, over their deviation (add 1e-8);
+# 2. **normalise** the advantages of each piece by itself: minus their mean, over their standard deviation (add 1e-8);
 # 3. the policy: `parameters = actor(observations)`, then `actor.head.judge(parameters, actions)` gives log-probabilities
 #    and entropies; minimise `policy_loss`, with `settings.clip_range`, minus `settings.entropy_coef` times the mean entropy;
 # 4. the values: minimise `value_loss(critic(observations), returns)`;
@@ -115,7 +115,7 @@ check("value_loss", value_loss)
 #
 # **Exercise `update`** (hard, very important, 25 minutes). `optimizers` are one for the policy and one for the values. Leave
 # the batch as it is. Return a dictionary with `policy_loss`, `value_loss`, `entropy` and `approx_kl` (that mean of
-# $r - 1 - \ln r$) of the last piece, as numbers.
+# $r - 1 - \ln r$) of the last piece, before its step, as numbers.
 
 # %% grade_id="update" tags=["solution"]
 def update(actor, critic, optimizers, batch: Batch, settings: PPO, rng) -> dict:
@@ -236,8 +236,8 @@ plt.show()
 print("; ".join(f"clip {name}: {np.mean(one):.2f} ± {np.std(one):.2f}" for name, one in ends.items()))
 
 # %% [markdown]
-# The spread between seeds is as large as the difference between the ranges, or larger. `training/studies` holds the real
-# comparison, on the robot.
+# The spread between seeds is as large as the difference between the ranges, or larger. The real comparison is on the
+# robot: `training/studies/stability.yaml` says how, `python kit.py study stability` runs it (hours).
 #
 # ## Change this one line and look
 #

@@ -201,7 +201,7 @@ table[["arm", "episodes", "survived", "mean_min_clearance_m", "mean_energy_j"]].
 # first *imitated* a planner that sees where everybody really is. The learner drives and the teacher says what it would have
 # done (DAgger), so the lessons are about the mistakes that the learner makes.
 #
-# Then PPO went on, with $\gamma = 0.99$ in the goal term: who has been taught to arrive needs no push (lesson 07). The
+# Then PPO went on, with $\gamma = 0.99$ in the goal term: a policy that can already arrive needs no push (lesson 07). The
 # teacher is needed while learning only; what is shipped sees what yours sees.
 #
 # The two ways, on all scenarios at once, for a pause of half an hour or more (stopped, they go on):

@@ -66,7 +66,7 @@ table
 
 
 # %% [markdown]
-# The second row is closer to things *and* dearer than the first. Worse, the rows come from different scenes: an open
+# The second row is closer to things *and* more expensive than the first. Worse, the rows come from different scenes: an open
 # corridor and a crowd. A crowd costs more whoever drives. Only runs of the **same scenes** may be compared.
 #
 # ## 3. 63 % of what?
