@@ -68,7 +68,9 @@ def imitation_loss(log_probabilities, costs, temperature_m: float, caution: floa
     return loss
 
 
-def fit(actor: Actor, optimizer, shards: Sequence[Labels], settings: Imitation, rng, updates: int, rates=None):
+def fit(
+    actor: Actor, optimizer, shards: Sequence[Labels], settings: Imitation, rng, updates: int, rates=None, flat_beams=0
+):
     """Train the student on labels of all rounds.
 
     Args:
@@ -78,6 +80,7 @@ def fit(actor: Actor, optimizer, shards: Sequence[Labels], settings: Imitation, 
         rng: numpy generator; the same one gives the same weights.
         updates: number of batches.
         rates: learning rate of the first and the last batch; between them it falls by a cosine.
+        flat_beams: as in `labels.mirrored`.
 
     Returns:
         Mean loss of the last tenth of the batches.
@@ -93,15 +96,15 @@ def fit(actor: Actor, optimizer, shards: Sequence[Labels], settings: Imitation, 
                 share = 0.5 * (1.0 + math.cos(math.pi * update / updates))
                 for group in optimizer.param_groups:
                     group["lr"] = rates[1] + (rates[0] - rates[1]) * share
-            batch = _draw_batch(shards, edges, settings.batch, actor.head.grid_shape, rng)
+            batch = _draw_batch(shards, edges, settings.batch, rng, actor.head.grid_shape, flat_beams)
             losses.append(_descend(actor, twin, optimizer, batch, settings))
             if not np.isfinite(losses[-1]):
                 raise FloatingPointError(f"imitation loss is {losses[-1]} in batch {update} of {updates}")
     return float(np.mean(losses[-max(1, updates // 10) :]))
 
 
-def _draw_batch(shards: Sequence[Labels], edges, size: int, grid_shape, rng):
-    """Images, bands and costs of `size` labels drawn from all shards, the first half mirrored."""
+def _draw_batch(shards: Sequence[Labels], edges, size: int, rng, *mirror):
+    """Images, bands and costs of `size` labels drawn from all shards, the first half mirrored (`labels.mirrored`)."""
     chosen = np.sort(rng.integers(edges[-1], size=size))
     owner = np.searchsorted(edges, chosen, side="right") - 1
     parts = [(shards[k], chosen[owner == k] - edges[k]) for k in np.unique(owner)]
@@ -110,7 +113,7 @@ def _draw_batch(shards: Sequence[Labels], edges, size: int, grid_shape, rng):
         np.concatenate([getattr(shard, name)[rows] for shard, rows in parts])[order]
         for name in ("images", "bands", "costs")
     )
-    flipped = mirrored(images[:half], bands[:half], costs[:half], grid_shape)
+    flipped = mirrored(images[:half], bands[:half], costs[:half], *mirror)
     return [np.concatenate([a, b[half:]]) for a, b in zip(flipped, (images, bands, costs), strict=True)]
 
 
@@ -184,6 +187,7 @@ def imitate(
         log: called with a dict of numbers after each round.
     """
     optimizer = torch.optim.AdamW(actor.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
+    flat_beams = config.lidar.beams if config.observation.layout == "flat" else 0
     stems: list[Path] = []
     for number in range(settings.rounds):
         previous, state = folder / f"student_{number - 1:02d}.pth", folder / f"student_{number:02d}.state"
@@ -198,7 +202,8 @@ def imitate(
         is_last = number == settings.rounds - 1
         rates = (settings.learning_rate, settings.last_learning_rate) if is_last else None
         updates = settings.last_updates if is_last else settings.updates
-        loss = fit(actor, optimizer, shards, settings, streams.stream(seed, f"fit {number}"), updates, rates)
+        rng = streams.stream(seed, f"fit {number}")
+        loss = fit(actor, optimizer, shards, settings, rng, updates, rates, flat_beams)
         save_weights(folder / f"student_{number:02d}.pth", actor.state_dict())
         save_weights(state, {"actor": actor.state_dict(), "optimizer": optimizer.state_dict()})
         driven = np.concatenate([Labels.load(stem).survived for stem in new])

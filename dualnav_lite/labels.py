@@ -13,6 +13,7 @@ import torch
 from dualnav_lite import streams
 from dualnav_lite.command_reader import CommandReader
 from dualnav_lite.config import Config, write_atomic
+from dualnav_lite.encoder import STATIC
 from dualnav_lite.env import DynamicNavVectorEnv
 from dualnav_lite.kernels import sampling as kernels
 from dualnav_lite.planners.sampling import Ceiling
@@ -234,9 +235,21 @@ def collect_round(number: int, folder: Path, actor_path, make_actor, settings, c
     return stems
 
 
-def mirrored(images, bands, costs, grid_shape):
-    """The same situations with left and right swapped: three fresh arrays."""
+def mirrored(images, bands, costs, grid_shape, flat_beams: int = 0):
+    """The same situations with left and right swapped: three fresh arrays.
+
+    Args:
+        images, bands, costs: (n, C - 1, 64, 64), (n, 10), (n, commands).
+        grid_shape: of the commands, v first.
+        flat_beams: of a scan where channel 0 holds three of them in a row (`observation.layout: flat`); 0 for images.
+    """
     bands = bands.copy()
     bands[:, MIRRORED_BANDS] *= -1.0
     swapped = costs.reshape(-1, *grid_shape)[:, :, ::-1].reshape(costs.shape)
-    return np.ascontiguousarray(images[..., ::-1]), bands, np.ascontiguousarray(swapped)
+    flipped = np.ascontiguousarray(images[..., ::-1])
+    if flat_beams:  # beam k points at -pi + 2 pi k / beams, so the first one is its own mirror image
+        readings, used = images[:, STATIC].reshape(len(images), -1), 3 * flat_beams
+        scans = readings[:, :used].reshape(-1, 3, flat_beams)
+        flipped[:, STATIC] = images[:, STATIC]
+        flipped[:, STATIC].reshape(len(images), -1)[:, :used] = np.roll(scans[..., ::-1], 1, axis=-1).reshape(-1, used)
+    return flipped, bands, np.ascontiguousarray(swapped)

@@ -78,7 +78,8 @@ def test_swapping_left_and_right_twice_changes_nothing_and_once_swaps_the_bands_
     assert np.array_equal(once[2], labels.costs[:, turn])
 
 
-def test_mirrored_worlds_look_mirrored_to_the_encoder():
+@pytest.mark.parametrize(("layout", "flat_beams"), [("image", 0), ("flat", 1080)])
+def test_mirrored_worlds_look_mirrored_to_the_encoder(layout, flat_beams):
     # A thing on the left in one world and on the right in the other: columns of the image count to the right.
     from dualnav_lite.encoder import Ego, encode_states
 
@@ -88,11 +89,13 @@ def test_mirrored_worlds_look_mirrored_to_the_encoder():
     point = np.array([[2.0, 1.0], [2.0, -1.0]])
     twist = np.array([[0.3, 0.4], [0.3, -0.4]])
     ego = Ego(twist, np.full(2, 0.5), point, point, np.zeros(2), np.full(2, 0.5))
-    config = with_overrides(Config(), {"observation.motion.method": "none"}).observation
+    changes = {"observation.motion.method": "none", "observation.layout": layout}
+    config = with_overrides(Config(), changes).observation
     left, right = encode_states(ranges, np.zeros((2, 3, 3)), np.zeros((2, 64, 64)), ego, config)
     images, bands = pack(np.stack([left, right]))
-    flipped, swapped, _ = mirrored(images[:1], bands[:1], np.zeros((1, 99)), (9, 11))
-    assert np.array_equal(flipped[0, 2], images[1, 2])
+    flipped, swapped, _ = mirrored(images[:1], bands[:1], np.zeros((1, 99)), (9, 11), flat_beams)
+    assert np.array_equal(flipped[0], images[1])
+    assert not np.array_equal(flipped[0], images[0])
     assert np.allclose(swapped[0], bands[1])
 
 
