@@ -19,7 +19,7 @@ from dualnav_lite.rooms import (
     free_point,
     furnish,
 )
-from dualnav_lite.scenario import Range, Scenario
+from dualnav_lite.scenario import HALL_END_M, HALL_SIDE_M, Range, Scenario
 
 CORNER_MARGIN_M = 0.45  # start and goal keep this from every solid
 MAX_TRIES = 300
@@ -138,9 +138,10 @@ def _hall_journey(rng, room: StaticRoom, distance: Range):
     """Two points on a line along the hall's length or width, in either direction."""
     along_x = rng.random() < 0.5
     length, across = (room.width, room.height) if along_x else (room.height, room.width)
-    journey = rng.uniform(distance.low, min(distance.high, length - 1.4))
-    begin = rng.uniform(0.7, length - 0.7 - journey)
-    lateral = rng.uniform(2.0, across - 2.0)
+    # The longest journey may come out a last digit too long, where one place is left to begin it.
+    journey = rng.uniform(distance.low, max(distance.low, min(distance.high, length - 2 * HALL_END_M)))
+    begin = rng.uniform(HALL_END_M, max(HALL_END_M, length - HALL_END_M - journey))
+    lateral = rng.uniform(HALL_SIDE_M, across - HALL_SIDE_M)
     ends = np.array([[begin, lateral], [begin + journey, lateral]])
     if not along_x:
         ends = ends[:, ::-1]

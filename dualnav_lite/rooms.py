@@ -9,7 +9,7 @@ import numpy as np
 from dualnav_lite.geometry import box_segments
 from dualnav_lite.kernels.clearance import line_clearance, point_clearance, static_clearance
 from dualnav_lite.kernels.geodesic import geodesic
-from dualnav_lite.scenario import Range, Room
+from dualnav_lite.scenario import DOOR_END_M, Range, Room
 from dualnav_lite.semantics import Surface
 
 FIELD_RESOLUTION_M = 0.1
@@ -113,7 +113,7 @@ def _inner_wall(rng, width, height, door):
     upright = rng.random() < 0.5
     length, across = (height, width) if upright else (width, height)
     position = rng.uniform(0.38, 0.62) * across
-    left = rng.uniform(0.8, length - 0.8 - door)
+    left = rng.uniform(DOOR_END_M, max(DOOR_END_M, length - DOOR_END_M - door))
     frame = 2 * JAMB_HALF_LENGTH_M
     pieces = [
         (0.0, left - frame, Surface.WALL),

@@ -12,6 +12,8 @@ SCENARIO_FOLDER = ROOT / "stress_tests" / "scenarios"
 HIGHWAY_FOLDER = SCENARIO_FOLDER / "highway"  # of the second world
 FLEET_FOLDER = SCENARIO_FOLDER / "fleet"  # of several robots in one room
 MAX_MOVERS = 12  # of a world: its arrays hold no more
+HALL_END_M, HALL_SIDE_M = 0.7, 2.0  # a hall's journey keeps this from the walls at its ends and beside it
+DOOR_END_M = 0.8  # a door keeps this from both ends of its wall
 STRESS_SCENARIOS = ("pop_up", "crowd_crossing", "low_light", "battery", "comms_dropout")  # of test mode
 
 
@@ -185,6 +187,23 @@ class Scenario(Frozen):
         if sum(counts.values()) > MAX_MOVERS:
             parts = ", ".join(f"{name} {count}" for name, count in counts.items() if count)
             raise ValueError(f"a world holds {MAX_MOVERS} movers, here are up to {sum(counts.values())}: {parts}")
+        return self
+
+    @model_validator(mode="after")
+    def _room_holds_its_parts(self):
+        if self.cars or self.fleet:
+            return self  # their rooms have neither a hall's journey nor a door
+        room, side = self.room, self.room.size_m.low
+        if room.hall and side < max(2 * HALL_SIDE_M, room.goal_distance_m.low + 2 * HALL_END_M):
+            raise ValueError(
+                f"room.size_m.low must be at least {2 * HALL_SIDE_M:g} m in a hall, and {2 * HALL_END_M:g} m more than "
+                f"room.goal_distance_m.low ({room.goal_distance_m.low:g}), got {side:g}"
+            )
+        if room.walled_share > 0 and side < room.door_width_m.high + 2 * DOOR_END_M:
+            raise ValueError(
+                f"room.door_width_m.high must be at most {side - 2 * DOOR_END_M:g} m: the wall is room.size_m.low "
+                f"({side:g}) long and goes on for {DOOR_END_M:g} m on either side, got {room.door_width_m.high:g}"
+            )
         return self
 
 

@@ -1,5 +1,6 @@
 """Layouts: drawn from the seed alone, solvable, and their events can happen."""
 
+import contextlib
 import itertools
 
 import numpy as np
@@ -103,6 +104,26 @@ def test_an_impossible_layout_is_said_in_one_line():
         generate(validated(ScenarioModel, values, "test"), Config(), 7)
 
 
+@pytest.mark.parametrize(
+    "room",
+    [
+        {"hall": True, "size_m": (5.0, 5.0), "goal_distance_m": (3.55, 9.0)},  # 5 cm to begin the journey
+        {"hall": True, "size_m": (4.0, 4.0), "goal_distance_m": (2.0, 2.6)},  # one line along which it runs
+        {"size_m": (3.3, 3.3), "door_width_m": (1.7, 1.7), "walled_share": 1.0, "goal_distance_m": (1.0, 3.0)},
+    ],
+)
+def test_the_tightest_rooms_that_a_scenario_file_may_ask_for_are_drawn(room):
+    pairs = {key: {"low": v[0], "high": v[1]} if isinstance(v, tuple) else v for key, v in room.items()}
+    nothing = {"low": 0, "high": 0}
+    values = {"id": "tight", "title": "t", "title_zh": "t", "people": {"count": nothing, "forklift_share": 0.0}}
+    values["room"] = {"walled_share": 0.0, "furniture": nothing, "pushable_boxes": nothing} | pairs
+    scenario = validated(ScenarioModel, values, "test")
+    for seed in SEEDS:
+        layout = generate(scenario, Config(), seed)
+        gap = np.hypot(*(layout.goals[0] - layout.start[:2]))
+        assert scenario.room.goal_distance_m.low - 1e-9 <= gap <= scenario.room.goal_distance_m.high
+
+
 def test_clearance_kernels_agree_with_geometry(layouts):
     room = layouts["navigation"][0].room
     rng = np.random.default_rng(0)
@@ -134,3 +155,12 @@ def test_hull_clearance_is_the_gap_to_the_nearest_line_or_person():
     poses[0, 1] = 2.2
     hull_clearance.py_func(*args)
     assert out[0] == pytest.approx(0.35)  # the person
+
+
+def test_a_hall_just_long_enough_for_its_journey_is_drawn_or_refused_by_name():
+    values = {"id": "exact", "title": "t", "title_zh": "t", "room": {"hall": True, "furniture": {"low": 0, "high": 0}}}
+    for goal in np.linspace(2.6, 9.0, 65).round(1).tolist():
+        size = {"low": round(goal + 1.4, 1), "high": round(goal + 1.4, 1)}
+        values["room"] |= {"size_m": size, "goal_distance_m": {"low": goal, "high": goal}}
+        with contextlib.suppress(UnusableInput):  # a length may come out a last digit short
+            generate(validated(ScenarioModel, values, "test"), Config(), SEEDS[0])

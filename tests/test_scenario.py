@@ -106,6 +106,15 @@ def test_wrong_scenario_files_are_refused_in_one_line(tmp_path, text, words):
             ["holds 12 movers", "up to 19", "people.count 12, people.forklift_share 1, room.pushable_boxes 6"],
         ),
         ("pop_up: {count: {low: 1, high: 3}}\ncrowd: {count: 5}", ["up to 14", "pop_up.count 3, crowd.count 5"]),
+        (
+            "room: {hall: true, size_m: {low: 5, high: 12}, goal_distance_m: {low: 7, high: 11}}",
+            ["room.size_m.low", "1.4 m more than room.goal_distance_m.low (7)", "got 5"],
+        ),
+        (
+            "room: {hall: true, size_m: {low: 3, high: 12}, goal_distance_m: {low: 1, high: 2}}",
+            ["room.size_m.low", "at least 4 m in a hall", "got 3"],
+        ),
+        ("room: {door_width_m: {low: 0.9, high: 7}}", ["room.door_width_m.high", "at most 6.4 m", "got 7"]),
         ("variants: 3", ["variants", "changed keys"]),
         ("variants: {x: 3}", ["variants", "changed keys"]),
     ],
