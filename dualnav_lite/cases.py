@@ -39,7 +39,7 @@ def all_cases() -> dict[str, Case]:
     cases = {name: validated(Case, value, f"{CASE_FILE}: {name}") for name, value in values.items()}
     for case in cases.values():
         for scenario in case.scenarios:
-            load_scenario(scenario)
+            load_scenario(scenario, "pymunk")
     return cases
 
 

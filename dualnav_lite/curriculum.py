@@ -79,7 +79,7 @@ def load_training(path: str | Path, seed: int | None = None) -> Training:
 
 def scenarios_of(stage: Stage, home: Path) -> list[Scenario]:
     """The scenarios of a stage, by id or by a path that is seen from `home`, the folder of the training's file."""
-    return [load_scenario(str(home / one) if one.endswith(".yaml") else one) for one in stage.scenarios]
+    return [load_scenario(str(home / one) if one.endswith(".yaml") else one, "pymunk") for one in stage.scenarios]
 
 
 def resolved_config(training: Training) -> Config:

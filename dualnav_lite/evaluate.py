@@ -212,7 +212,7 @@ def evaluate(
         raise UnusableInput(f"one folder of parts at a time: the rows of several could not be told apart; got {names}")
     changes = dict(overrides or {}) | ({} if preference is None else {"preference": preference})
     config = with_overrides(config or Config(), changes)
-    loaded = [load_scenario(name) for name in dict.fromkeys(scenarios)]
+    loaded = [load_scenario(name, config.simulator) for name in dict.fromkeys(scenarios)]
     fingerprints = {arm: getattr(make_planner(arm, config), "fingerprint", "") for arm in dict.fromkeys(arms)}
     chunks = plan_chunks(fingerprints, loaded, seeds, config, Path(out))
     write_atomic(Path(out) / "run.json", run_json(fingerprints, loaded, seeds, config))

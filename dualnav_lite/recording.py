@@ -93,7 +93,7 @@ def drive(
     Raises:
         UnusableInput: an unknown arm or scenario.
     """
-    scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    scenario = load_scenario(scenario, "pymunk")
     config = config or Config()
     driver = library_arm(arm, config)
     n = min(num_envs, len(seeds))
@@ -195,7 +195,7 @@ def record(
         Rows of the log: `avg_safe_dist` is the episode's mean clearance [m], `total_energy` in joules (article 2.1).
     """
     rows = []
-    chosen = [load_scenario(name) for name in scenarios]
+    chosen = [load_scenario(name, "pymunk") for name in scenarios]
     with tqdm(total=len(chosen) * len(arms) * len(seeds), unit="episode", disable=not progress) as bar:
         for scenario in chosen:
             for arm in arms:

@@ -4,52 +4,29 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, FiniteFloat, NonNegativeInt, model_validator
+from pydantic import Field, NonNegativeInt, model_validator
 
 from dualnav_lite.config import ROOT, Config, Frozen, NonNegative, Positive, Share, UnusableInput, read_yaml, validated
+from dualnav_lite.intervals import (
+    MAX_MOVERS,
+    Boxes,
+    Few,
+    Lengths,
+    Pieces,
+    Radii,
+    Range,
+    Shares,
+    Sides,
+    Speeds,
+    Times,
+)
 
 SCENARIO_FOLDER = ROOT / "stress_tests" / "scenarios"
-HIGHWAY_FOLDER = SCENARIO_FOLDER / "highway"  # of the second world
-FLEET_FOLDER = SCENARIO_FOLDER / "fleet"  # of several robots in one room
-MAX_MOVERS = 12  # of a world: its arrays hold no more
+# Worlds with scenarios of their own: the robot's, the second one with cars, several robots in one room.
+WORLDS = {"pymunk": SCENARIO_FOLDER, "highway": SCENARIO_FOLDER / "highway", "fleet": SCENARIO_FOLDER / "fleet"}
 HALL_END_M, HALL_SIDE_M = 0.7, 2.0  # a hall's journey keeps this from the walls at its ends and beside it
 DOOR_END_M = 0.8  # a door keeps this from both ends of its wall
 STRESS_SCENARIOS = ("pop_up", "crowd_crossing", "low_light", "battery", "comms_dropout")  # of test mode
-
-
-class Range(Frozen):
-    """A closed interval to draw from, uniformly."""
-
-    low: FiniteFloat
-    high: FiniteFloat
-
-    @model_validator(mode="after")
-    def _ordered(self):
-        if self.high < self.low:
-            raise ValueError(f"high ({self.high}) is below low ({self.low})")
-        return self
-
-
-def _within(low: float, high: float) -> AfterValidator:
-    """Refuses a `Range` that leaves [low, high]."""
-
-    def checked(value: Range) -> Range:
-        if value.low < low or value.high > high:
-            raise ValueError(f"must lie between {low:g} and {high:g}, got {value.low:g} to {value.high:g}")
-        return value
-
-    return AfterValidator(checked)
-
-
-Sides = Annotated[Range, _within(3, 12)]  # [m]; the fields of a world hold no larger room
-Lengths = Annotated[Range, _within(0, 100)]  # [m]
-Radii = Annotated[Range, _within(0.02, 1)]  # [m]
-Speeds = Annotated[Range, _within(0.01, 5)]  # [m/s]
-Times = Annotated[Range, _within(0, 600)]  # [s]
-Shares = Annotated[Range, _within(0, 1)]
-Few = Annotated[Range, _within(0, MAX_MOVERS)]  # of what moves
-Boxes = Annotated[Range, _within(1, 6)]
-Pieces = Annotated[Range, _within(0, 30)]  # of furniture: a world holds 160 sides
 
 
 class Room(Frozen):
@@ -247,14 +224,43 @@ def all_scenarios(folder: Path = SCENARIO_FOLDER) -> dict[str, Scenario]:
     return found
 
 
-def load_scenario(name: str) -> Scenario:
-    """The scenario with this id, also of cars and of fleets, or in the YAML file with this path."""
-    if name.endswith((".yaml", ".yml")):
-        return next(iter(read_scenarios(name).values()))
-    known = all_scenarios() | all_scenarios(HIGHWAY_FOLDER) | all_scenarios(FLEET_FOLDER)
-    if name not in known:
-        raise UnusableInput(f"unknown scenario '{name}'; known: {', '.join(known)}")
-    return known[name]
+def load_scenario(asked: str | Scenario, world: str | None = None) -> Scenario:
+    """The scenario with this id, or in the YAML file with this path; a `Scenario` comes back as it is.
+
+    Args:
+        asked: id, path or `Scenario`.
+        world: one of `WORLDS` that it must belong to; None for any of them.
+
+    Raises:
+        UnusableInput: no such scenario, or it belongs to another world.
+    """
+    known = {name: one for folder in WORLDS.values() for name, one in all_scenarios(folder).items()}
+    here = all_scenarios(WORLDS[world]) if world else known
+    if isinstance(asked, Scenario):
+        found = asked
+    elif asked.endswith((".yaml", ".yml")):
+        found = next(iter(read_scenarios(asked).values()))
+    elif asked in known:
+        found = known[asked]
+    else:
+        raise UnusableInput(f"unknown scenario '{asked}'; known: {', '.join(here)}")
+    if world and world != _world_of(found):
+        raise UnusableInput(f"scenario '{found.id}' {_way_into(found)}; known here: {', '.join(here)}")
+    return found
+
+
+def _world_of(scenario: Scenario) -> str:
+    return "highway" if scenario.cars else "fleet" if scenario.fleet else "pymunk"
+
+
+def _way_into(scenario: Scenario) -> str:
+    """What drives a scenario, as the end of a sentence."""
+    if scenario.cars:
+        command, env = f"beyond {scenario.cars.task}", "dualnav_lite.highway.HighwayEnv (simulator: highway)"
+        return f"is of cars: run `python kit.py {command}`, or make a {env}"
+    if scenario.fleet:
+        return "is of several robots: run `python kit.py beyond fleet`, or make a dualnav_lite.fleet.env.FleetEnv"
+    return "is of one robot: make a DynamicNavEnv (simulator: pymunk)"
 
 
 def configured_scenarios(config: Config) -> list[str]:
@@ -263,8 +269,14 @@ def configured_scenarios(config: Config) -> list[str]:
 
 
 def resolve_scenarios(config: Config, scenario) -> list[Scenario]:
-    """Scenarios to draw from: those asked for, else the configured ones."""
+    """The robot's scenarios to draw from: those asked for, else the configured ones.
+
+    Raises:
+        UnusableInput: one that does not exist or is of another world, or none at all.
+    """
     if scenario is None:
         scenario = configured_scenarios(config)
     asked = [scenario] if isinstance(scenario, str | Scenario) else list(scenario)
-    return [one if isinstance(one, Scenario) else load_scenario(one) for one in asked]
+    if not asked:
+        raise UnusableInput(f"scenario: at least one is wanted, got none; known: {', '.join(all_scenarios())}")
+    return [load_scenario(one, "pymunk") for one in asked]

@@ -19,7 +19,7 @@ def drive(
     """The environment of one episode and the infos of its world, after the reset and after each step."""
     config = config or Config()
     driver = library_arm(arm, config)
-    scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    scenario = load_scenario(scenario, "pymunk")
     env = library_env(1, config, scenario, driver)
     env.render_mode = render_mode
     observations, infos = env.reset(seed=seed)

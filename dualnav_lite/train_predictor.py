@@ -48,7 +48,7 @@ def load_predictor_training(path: str | Path, seed: int | None = None) -> Predic
     """The settings in a file; `UnusableInput` names a wrong key, an unknown scenario, or one kept for the judgement."""
     training = validated(PredictorTraining, read_yaml(path), str(path))
     for family in training.families:
-        scenario = load_scenario(_place(family, path))
+        scenario = load_scenario(_place(family, path), "pymunk")
         if scenario.id in UNSEEN:
             raise UnusableInput(f"{path}: '{scenario.id}' is kept for the judgement; unseen: {', '.join(UNSEEN)}")
     return training if seed is None else training.model_copy(update={"seed": seed})
@@ -161,7 +161,7 @@ def judge_predictor(
     LstmPredictor.load(predictor)  # a wrong file ends here, before the drives
     calls, owners = [], []
     for family in families:
-        load_scenario(family)
+        load_scenario(family, "pymunk")
         for k in range(0, episodes, SHARD_EPISODES):
             seeds = [seed_base + i for i in range(k, min(k + SHARD_EPISODES, episodes))]
             arm = ARMS[(k // SHARD_EPISODES) % len(ARMS)]

@@ -179,5 +179,5 @@ def load_rubric(path: Path = RUBRIC) -> Rubric:
     if rubric.policy:
         further = [rubric.policy.hypervolume.scenario] if rubric.policy.hypervolume else []
         for name in [*rubric.policy.survival.thresholds, *further]:
-            load_scenario(name)
+            load_scenario(name, "pymunk")
     return rubric

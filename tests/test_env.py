@@ -310,6 +310,8 @@ def test_steps_before_reset_and_after_the_end_raise():
 def test_wrong_settings_are_refused_in_one_line():
     with pytest.raises(UnusableInput, match=r"unknown scenario 'fog'.*navigation"):
         DynamicNavEnv(scenario="fog")
+    with pytest.raises(UnusableInput, match="scenario: at least one is wanted, got none; known: battery"):
+        DynamicNavVectorEnv(1, scenario=[])
     with pytest.raises(gymnasium.error.ResetNeeded, match="before render"):
         DynamicNavEnv(render_mode="rgb_array").render()
     for number in (0, -1, 1.5, "3"):

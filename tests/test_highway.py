@@ -189,7 +189,8 @@ def test_finished_worlds_begin_anew_and_their_last_observation_is_kept():
     ("config", "words"),
     [
         (Config(), "'pymunk' has an environment of its own"),
-        (Config(simulator="highway"), "'navigation' is not one of simulator 'highway'; known there: parking, traffic"),
+        (Config(simulator="highway"), "'navigation' is of one robot: .*; known here: parking, traffic"),
+        (Config(simulator="highway", scenario="fog"), "unknown scenario 'fog'; known: parking, traffic"),
     ],
 )
 def test_the_wrong_simulator_or_scenario_is_refused_in_one_line(config, words):

@@ -3,6 +3,10 @@
 import pytest
 
 from dualnav_lite.config import Config, UnusableInput
+from dualnav_lite.env import DynamicNavEnv, DynamicNavVectorEnv
+from dualnav_lite.evaluate import evaluate
+from dualnav_lite.parallel_env import ParallelVectorEnv
+from dualnav_lite.recording import record
 from dualnav_lite.scenario import (
     SCENARIO_FOLDER,
     STRESS_SCENARIOS,
@@ -128,6 +132,38 @@ def test_a_missing_scenario_is_answered_with_the_known_ones():
         load_scenario("fog")
     with pytest.raises(UnusableInput, match="cannot be read"):
         load_scenario("nowhere.yaml")
+
+
+def test_a_scenario_of_another_world_is_refused_with_the_command_that_drives_it(tmp_path):
+    cars = r"'parking' is of cars: run `python kit\.py beyond parking`.*HighwayEnv.*known here: battery"
+    robots = r"'fleet_crossing' is of several robots: run `python kit\.py beyond fleet`.*FleetEnv.*known here: battery"
+    (tmp_path / "my_road.yaml").write_text("id: my_road\ntitle: t\ntitle_zh: t\ncars: {task: traffic}\n", "utf-8")
+    road = str(tmp_path / "my_road.yaml")
+    for name, words in (
+        ("parking", cars),
+        ("fleet_crossing", robots),
+        (road, "'my_road' is of cars.* beyond traffic`"),
+    ):
+        for make in (
+            lambda: DynamicNavVectorEnv(1, scenario=name),  # noqa: B023
+            lambda: DynamicNavEnv(config=Config(scenario=name)),  # noqa: B023
+            lambda: DynamicNavVectorEnv(1, scenario=["navigation", load_scenario(name)]),  # noqa: B023
+            lambda: ParallelVectorEnv(2, 2, scenario=name),  # noqa: B023
+            lambda: evaluate(["straight"], [name], [1], tmp_path / "rows"),  # noqa: B023
+            lambda: record([name], ["straight"], [1], tmp_path / "drives", progress=False),  # noqa: B023
+        ):
+            with pytest.raises(UnusableInput, match=words) as caught:
+                make()
+            assert "\n" not in str(caught.value)
+    assert not (tmp_path / "rows").exists()
+    assert not (tmp_path / "drives").exists()
+
+
+def test_a_misspelt_scenario_is_answered_with_those_of_the_world_that_was_asked():
+    with pytest.raises(UnusableInput, match=r"unknown scenario 'parkin'; known: battery, .*pop_up_head_on$") as caught:
+        DynamicNavVectorEnv(1, scenario="parkin")
+    assert "parking" not in str(caught.value)
+    assert "fleet" not in str(caught.value)
 
 
 def test_a_config_asks_for_its_scenario_and_in_test_mode_for_the_five():

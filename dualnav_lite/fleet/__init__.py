@@ -18,7 +18,7 @@ from dualnav_lite.motion import STEPS
 from dualnav_lite.perception import Percept
 from dualnav_lite.robot import Robots
 from dualnav_lite.rooms import FIELD_RESOLUTION_M, PATH_MARGIN_M, StaticRoom, draw, draw_room, furnish
-from dualnav_lite.scenario import Scenario
+from dualnav_lite.scenario import Scenario, load_scenario
 from dualnav_lite.scene import Scene
 from dualnav_lite.semantics import Surface
 
@@ -44,9 +44,8 @@ def draw_layout(scenario: Scenario, config: Config, seed: int) -> FleetLayout:
     Raises:
         UnusableInput: a scenario without a fleet, or no layout fits.
     """
-    if scenario.fleet is None:
-        raise UnusableInput(f"scenario '{scenario.id}' has no fleet; known: fleet_crossing")
-    rng, hull, count = streams.stream(seed, "fleet"), config.robot.hull_radius_m, scenario.fleet.robots
+    rng, hull = streams.stream(seed, "fleet"), config.robot.hull_radius_m
+    count = load_scenario(scenario, "fleet").fleet.robots
     for _ in range(TRIES):
         room = draw_room(rng, scenario.room, False)
         middle = np.array([room.width, room.height]) / 2.0

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 
 from dualnav_lite import rewards
-from dualnav_lite.config import Config, UnusableInput
+from dualnav_lite.config import Config
 from dualnav_lite.fleet import CrossTerm, FleetWorlds, draw_layout
 from dualnav_lite.interface import action_box, checked_actions, observation_box, split_infos
 from dualnav_lite.perception import Percept, Perception
-from dualnav_lite.scenario import Scenario, load_scenario
+from dualnav_lite.scenario import load_scenario
 
 
 class FleetEnv:
@@ -28,9 +28,7 @@ class FleetEnv:
 
     def __init__(self, config: Config | None = None, scenario="fleet_crossing", cross_weight: float | None = None):
         self.config = config or Config()
-        self.scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
-        if self.scenario.fleet is None:
-            raise UnusableInput(f"scenario '{self.scenario.id}' has no fleet; known: fleet_crossing")
+        self.scenario = load_scenario(scenario, "fleet")
         self.cross_weight = self.scenario.fleet.cross_weight if cross_weight is None else cross_weight
         self.possible_agents = [f"robot_{k}" for k in range(self.scenario.fleet.robots)]
         self.agents: list[str] = []

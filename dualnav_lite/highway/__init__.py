@@ -21,7 +21,7 @@ from dualnav_lite.highway.cars import CarTransition, car_terms, gaps, predicted_
 from dualnav_lite.highway.tasks import HALF, TASKS
 from dualnav_lite.interface import checked_actions, checked_reset, last_observations, restarted_infos
 from dualnav_lite.journal import Journal, outcome_of_contact
-from dualnav_lite.scenario import HIGHWAY_FOLDER, Scenario, all_scenarios, load_scenario
+from dualnav_lite.scenario import Scenario, load_scenario
 from dualnav_lite.semantics import Surface
 
 DT_S = 0.2  # five decisions a second
@@ -29,12 +29,7 @@ DT_S = 0.2  # five decisions a second
 
 def highway_scenario(config: Config, scenario: str | Scenario | None) -> Scenario:
     """The one scenario asked for, else the configured one; `UnusableInput` where it is none of cars."""
-    asked = scenario or config.scenario
-    found = asked if isinstance(asked, Scenario) else load_scenario(asked)
-    if found.cars is None:
-        known = ", ".join(all_scenarios(HIGHWAY_FOLDER))
-        raise UnusableInput(f"scenario '{found.id}' is not one of simulator 'highway'; known there: {known}")
-    return found
+    return load_scenario(scenario or config.scenario, "highway")
 
 
 class HighwayVectorEnv(gymnasium.vector.VectorEnv):
