@@ -11,9 +11,10 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveInt, ValidationError, model_validator
 
-from dualnav_lite.strict import UniqueKeys, taken_for_numbers
+from dualnav_lite.strict import UniqueKeys, fixed, keys_beside, taken_for_numbers
 
 ROOT = Path(__file__).resolve().parent.parent  # of the whole kit
+CONTROL_DT_S = 0.1  # from one scan, decision and command to the next
 
 
 class UnusableInput(ValueError):
@@ -73,6 +74,15 @@ class Power(Frozen):
     turn_quadratic_w_s2: NonNegative = 4.0
     capacity_wh: Positive = 46.5  # from stress_tests/reference/battery_calibration.csv
 
+    @model_validator(mode="after")
+    def _driving_costs(self):
+        if not (self.idle_w or self.linear_w_s_m or self.quadratic_w_s2_m2):
+            raise ValueError(
+                "one of idle_w, linear_w_s_m and quadratic_w_s2_m2 must be above 0: r_energy is a share of what "
+                "driving straight draws"
+            )
+        return self
+
 
 class Lidar(Frozen):
     """A full turn of beams at every control step; beam k points at -pi + 2 pi k / beams in the robot's frame."""
@@ -93,7 +103,7 @@ class Lidar(Frozen):
 class Map(Frozen):
     """Rolling semantic map, built online from scans."""
 
-    resolution_m: Positive = 0.1
+    resolution_m: Annotated[float, fixed(0.1, "observation, guide and planners count in cells of it")] = 0.1
     cells: Annotated[int, Field(ge=64, le=512, multiple_of=2)] = 160
     cache: bool = True  # re-project the last received map to the believed pose and lay the current scan over it
     match_steps: NonNegativeInt = 3  # between two fits of a scan to the received map; 0: odometry alone
@@ -142,7 +152,9 @@ class Config(Frozen):
     test_mode: bool = False  # the environment draws the stress scenarios itself (article 5.3)
     scenario: str = "navigation"
     preference: Share | Literal["drawn"] = 0.5  # 0 all safety, 1 all thrift
-    control_dt_s: Positive = 0.1
+    control_dt_s: Annotated[
+        float, fixed(CONTROL_DT_S, "flow, forecasts, predictor and trained policies count in steps of it")
+    ] = CONTROL_DT_S
     physics_dt_s: Positive = 0.02
     hardware: Hardware = Hardware()
     robot: Robot = Robot()
@@ -169,19 +181,6 @@ class Config(Frozen):
         return round(self.control_dt_s / self.physics_dt_s)
 
 
-def _fields_at(model: type[BaseModel], location: tuple) -> list[str]:
-    """Known keys of the block that holds the last part of an error's location."""
-    for part in location[:-1]:
-        field = model.model_fields.get(part)
-        annotation = field.annotation if field else None
-        nested = [t for t in (annotation, *getattr(annotation, "__args__", ())) if isinstance(t, type)]
-        models = [t for t in nested if issubclass(t, BaseModel)]
-        if not models:
-            return []
-        model = models[0]
-    return sorted(model.model_fields)
-
-
 AnyModel = TypeVar("AnyModel", bound=BaseModel)
 
 
@@ -193,7 +192,7 @@ def validated(model: type[AnyModel], values: Any, source: str) -> AnyModel:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"]) or "(top level)"
         if first["type"] == "extra_forbidden":
-            known = ", ".join(_fields_at(model, first["loc"]))
+            known = ", ".join(keys_beside(model, first["loc"]))
             raise UnusableInput(f"{source}: unknown key '{key}'; known keys here: {known}") from None
         got = "" if isinstance(first["input"], dict) else f", got {first['input']!r}"
         raise UnusableInput(f"{source}: {key}: {first['msg']}{got}") from None

@@ -5,13 +5,14 @@ from dataclasses import dataclass, fields
 import cv2
 import numpy as np
 
+from dualnav_lite.config import CONTROL_DT_S
 from dualnav_lite.geometry import beam_directions
 from dualnav_lite.kernels import raster
 
 cv2.setNumThreads(1)  # one world's flow is far too small to share, and workers own one core each
 
 STEPS = 20  # of a forecast, at `TIMES_S` from now
-STEP_S = 0.1
+STEP_S = CONTROL_DT_S  # of a forecast, and between scans
 TIMES_S = STEP_S * np.arange(1, STEPS + 1)
 FOOTPRINT_M = 0.30  # radius of a mover whose size nobody knows
 # Settings of the flow: a compromise of endpoint error on movers, quiet walls and time, on recorded drives.

@@ -1,9 +1,34 @@
-"""Two mistakes that PyYAML and pydantic let pass: a key that stands twice, true where a number is wanted."""
+"""What PyYAML and pydantic let pass or leave unsaid: a key that stands twice, true for a number, the known keys."""
 
 from collections.abc import Iterator
 from typing import Any
 
 import yaml
+from pydantic import AfterValidator, BaseModel
+
+
+def fixed(only: float, why: str) -> AfterValidator:
+    """Refuses every number but one, for a key that is told but cannot be chosen; `why` says what rests on it."""
+
+    def checked(value: float) -> float:
+        if value != only:
+            raise ValueError(f"only {only:g} is possible: {why}")
+        return value
+
+    return AfterValidator(checked)
+
+
+def keys_beside(model: type[BaseModel], location: tuple) -> list[str]:
+    """Known keys of the block that holds the last part of an error's location."""
+    for part in location[:-1]:
+        field = model.model_fields.get(part)
+        annotation = field.annotation if field else None
+        nested = [t for t in (annotation, *getattr(annotation, "__args__", ())) if isinstance(t, type)]
+        models = [t for t in nested if issubclass(t, BaseModel)]
+        if not models:
+            return []
+        model = models[0]
+    return sorted(model.model_fields)
 
 
 class UniqueKeys(yaml.SafeLoader):
