@@ -1,25 +1,25 @@
 """Scenarios are data: `stress_tests/scenarios/<id>.yaml`, read here into frozen, checked settings."""
 
+import math
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, NonNegativeInt, model_validator
 
-from dualnav_lite.config import ROOT, Config, Frozen, NonNegative, Positive, Share, UnusableInput, read_yaml, validated
-from dualnav_lite.intervals import (
-    MAX_MOVERS,
-    Boxes,
-    Few,
-    Lengths,
-    Pieces,
-    Radii,
-    Range,
-    Shares,
-    Sides,
-    Speeds,
-    Times,
+from dualnav_lite.config import (
+    CONTROL_DT_S,
+    ROOT,
+    Config,
+    Frozen,
+    NonNegative,
+    Positive,
+    Share,
+    UnusableInput,
+    read_yaml,
+    validated,
 )
+from dualnav_lite.intervals import MAX_MOVERS, Boxes, Few, Lengths, Pieces, Radii, Range, Shares, Sides, Speeds, Times
 
 SCENARIO_FOLDER = ROOT / "stress_tests" / "scenarios"
 # Worlds with scenarios of their own: the robot's, the second one with cars, several robots in one room.
@@ -101,6 +101,16 @@ class Link(Frozen):
     delay_s: Annotated[float, Field(ge=0, le=60)] = 0.0
     loss: Annotated[float, Field(ge=0, lt=1)] = 0.0
     burst_mean_s: NonNegative = 0.0  # 0: every message is lost or not by itself
+
+    @model_validator(mode="after")
+    def _bursts_can_be(self):
+        packets = max(1.0, self.loss / (1.0 - self.loss))
+        if 0.0 < self.burst_mean_s / CONTROL_DT_S < packets:
+            least = math.ceil(1000.0 * packets * CONTROL_DT_S) / 1000.0
+            raise ValueError(
+                f"burst_mean_s must be 0 or at least {least:g} s to lose {self.loss:g} of all maps in bursts"
+            )
+        return self
 
 
 class Dispatcher(Frozen):

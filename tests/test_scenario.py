@@ -1,15 +1,18 @@
 """Scenario files: seven of them, checked key by key."""
 
+import numpy as np
 import pytest
 
-from dualnav_lite.config import Config, UnusableInput
+from dualnav_lite.config import Config, UnusableInput, validated
 from dualnav_lite.env import DynamicNavEnv, DynamicNavVectorEnv
 from dualnav_lite.evaluate import evaluate
+from dualnav_lite.mapping import Mapper
 from dualnav_lite.parallel_env import ParallelVectorEnv
 from dualnav_lite.recording import record
 from dualnav_lite.scenario import (
     SCENARIO_FOLDER,
     STRESS_SCENARIOS,
+    Link,
     Scenario,
     all_scenarios,
     configured_scenarios,
@@ -97,6 +100,9 @@ def test_wrong_scenario_files_are_refused_in_one_line(tmp_path, text, words):
         ("pop_up: {count: {low: 0, high: 2}}", ["pop_up.count", "between 1 and 6"]),
         ("crowd: {count: 0}", ["crowd.count", "1"]),
         ("link: {delay_s: 1.0e6}", ["link.delay_s", "60"]),
+        ("link: {loss: 0.3, burst_mean_s: 0.05}", ["link: ", "burst_mean_s must be 0 or at least 0.1 s to lose 0.3"]),
+        ("link: {loss: 0.9, burst_mean_s: 0.3}", ["link: ", "burst_mean_s must be 0 or at least 0.901 s to lose 0.9"]),
+        ("variants: {x: {link: {loss: 0.7, burst_mean_s: 0.2}}}", ["variant x", "at least 0.234 s to lose 0.7"]),
         ("sensing: {phantoms: 500}", ["sensing.phantoms", "8"]),
         ("start_charge: {low: 0.5, high: 5}", ["start_charge", "between 0 and 1"]),
         ("people: {speed_m_s: {low: .nan, high: 1}}", ["people.speed_m_s", "finite"]),
@@ -125,6 +131,22 @@ def test_wrong_scenario_files_are_refused_in_one_line(tmp_path, text, words):
 )
 def test_what_no_world_can_hold_is_refused_in_one_line(tmp_path, text, words):
     test_wrong_scenario_files_are_refused_in_one_line(tmp_path, f"id: bad\ntitle: t\ntitle_zh: t\n{text}\n", words)
+
+
+def test_every_link_that_a_scenario_may_ask_for_is_one_that_the_mapper_takes():
+    config, keys = Config(), np.zeros(1, np.uint64)
+    mapper, refused = Mapper(config.map, config.lidar, 1, config.control_dt_s), 0
+    for loss in (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97):
+        for burst in (0.0, 0.01, 0.1, 0.2, 0.234, 0.3, 0.9, 0.9000001, 3.3):
+            try:
+                link = validated(Link, {"loss": loss, "burst_mean_s": burst}, "link")
+            except UnusableInput:
+                refused += 1
+                with pytest.raises(ValueError, match="too short"):
+                    mapper.reset([0], np.zeros((1, 3)), [0.0], [loss], [burst], keys)
+            else:
+                mapper.reset([0], np.zeros((1, 3)), [link.delay_s], [link.loss], [link.burst_mean_s], keys)
+    assert refused > 10
 
 
 def test_a_missing_scenario_is_answered_with_the_known_ones():
