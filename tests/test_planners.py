@@ -182,7 +182,7 @@ def test_knobs_that_are_negative_or_not_finite_are_refused_by_name(arm):
 
 
 def test_who_samples_commands_needs_a_speed_to_sample():
-    for arm in ("ceiling@max_speed=0", "cv_sampling@max_speed=0"):
+    for arm in ("ceiling@max_speed=0", "cv_sampling@max_speed=0", "dwa@max_speed=0"):
         with pytest.raises(UnusableInput, match="max_speed above 0"):
             make_planner(arm)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dualnav_lite.config import Config
+from dualnav_lite.config import Config, UnusableInput
 from dualnav_lite.kernels.dwa import best_in_window
 from dualnav_lite.planners.base import Planner
 from dualnav_lite.planners.pursuit import scan_points
@@ -19,10 +19,15 @@ class DynamicWindow(Planner):
     Args:
         settings: the configuration.
         max_speed: [m/s]; the hardware's limit if None.
+
+    Raises:
+        UnusableInput: `max_speed` is 0, of which no speed is a share.
     """
 
     def __init__(self, settings: Config, max_speed: float | None = None):
         super().__init__(settings)
+        if max_speed == 0.0:
+            raise UnusableInput("dwa weighs shares of its top speed: it needs a max_speed above 0")
         robot = settings.robot
         speed = self.max_v if max_speed is None else min(max_speed, self.max_v)
         self._limits = np.array([speed, self.max_omega, robot.max_lin_acc_m_s2, robot.max_ang_acc_rad_s2])
