@@ -38,7 +38,7 @@ BAND_ROWS = BAND_EDGES[:-1].tolist()
 SPEED_SCALE, TURN_SCALE = 0.8, 1.2  # [m/s], [rad/s]: the article's hardware limits
 GOAL_SCALE = 2.0  # [m]
 AGE_SCALE = 2.0  # [s]
-FLAT_SCALE = 10.0  # [m] of a reading in a flat observation, the lidar's reach
+FLAT_SCALE = 10.0  # [m] of a reading of 1 in a flat observation, the lidar's usual reach; longer ones read 1 too
 _SCALES = np.array([SPEED_SCALE, TURN_SCALE, GOAL_SCALE, AGE_SCALE])
 DEFAULT_OBSERVATION = Observation()
 
@@ -100,7 +100,8 @@ def encode_states(scans, poses, map_crops, ego, observation=DEFAULT_OBSERVATION)
     images = np.empty((n, num_channels(observation), SIZE, SIZE), np.float32)
     if observation.layout == "flat":
         images[:, [STATIC, MOTION]] = 0.0
-        images[:, STATIC].reshape(n, -1)[:, : 3 * scans.shape[2]] = scans[..., 0].reshape(n, -1) / FLAT_SCALE
+        readings = np.minimum(scans[..., 0].reshape(n, -1), FLAT_SCALE)
+        images[:, STATIC].reshape(n, -1)[:, : 3 * scans.shape[2]] = readings / FLAT_SCALE
     else:
         images[:, STATIC] = map_crops
         motion_fields(scans, poses, ego.forecast, observation.motion, out=images[:, MOTION])

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dualnav_lite.config import Motion, Observation
+from dualnav_lite.config import Config, Motion, Observation, with_overrides
 from dualnav_lite.encoder import (
     BAND_EDGES,
     BANDS,
@@ -21,6 +21,7 @@ from dualnav_lite.encoder import (
     read_bands,
 )
 from dualnav_lite.geometry import beam_directions
+from dualnav_lite.interface import observation_box
 from dualnav_lite.kernels import encode, raster
 from dualnav_lite.motion import STEPS, Prediction
 
@@ -240,3 +241,12 @@ def test_kernels_equal_their_python_source():
             out,
         )
     np.testing.assert_array_equal(compiled, plain)
+
+
+def test_a_flat_observation_stays_in_its_space_whatever_the_lidar_s_reach():
+    config = with_overrides(Config(), {"observation.layout": "flat", "lidar.range_max_m": 20.0})
+    scans, poses, crops, ego = worlds(2)
+    scans[:, :, :3, 0] = [5.0, 10.0, 20.0]
+    images = encode_states(scans, poses, crops, ego, config.observation)
+    assert all(observation_box(config).contains(image) for image in images)
+    np.testing.assert_array_equal(images[:, STATIC].reshape(2, -1)[:, :3], [[0.5, 1.0, 1.0]] * 2)
