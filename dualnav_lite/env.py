@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 
 from dualnav_lite.config import Config, load_config
-from dualnav_lite.interface import split_infos
+from dualnav_lite.interface import checked_seed, split_infos
 from dualnav_lite.vector_env import DynamicNavVectorEnv
 
 __all__ = ["DynamicNavEnv", "DynamicNavVectorEnv", "split_infos"]
@@ -30,6 +30,7 @@ class OneWorld(gymnasium.Env):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
         """Start an episode; the same seed gives the same bytes. `options`: `preference` in [0, 1]."""
+        seed = None if seed is None else checked_seed(seed)
         super().reset(seed=seed)
         drawn = int(self.np_random.integers(1_000_000)) if seed is None else seed
         observations, infos = self.worlds.reset(seed=drawn, options=options)

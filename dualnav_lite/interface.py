@@ -33,6 +33,13 @@ def checked_actions(actions, num_envs: int) -> np.ndarray:
     return actions
 
 
+def checked_seed(seed) -> int:
+    """A seed as Python's int; `UnusableInput` unless it is a whole number of at least 0."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise UnusableInput(f"a seed must be a whole number of at least 0, got {seed!r}")
+    return int(seed)
+
+
 def checked_reset(num_envs: int, seed, options: dict[str, Any] | None, has_begun: bool):
     """What a reset asks for, world by world.
 
@@ -40,7 +47,7 @@ def checked_reset(num_envs: int, seed, options: dict[str, Any] | None, has_begun
         mask (n,) bool of worlds to reset, n seeds or None, n preferences or None.
 
     Raises:
-        UnusableInput: an unknown option.
+        UnusableInput: an unknown option; a seed that is none.
         ValueError: a mask, seeds or preferences that do not fit n worlds; a first reset that leaves worlds out.
     """
     options = options or {}
@@ -52,12 +59,12 @@ def checked_reset(num_envs: int, seed, options: dict[str, Any] | None, has_begun
         raise ValueError(f"reset_mask must be ({num_envs},) with at least one True, got {mask!r}")
     if not has_begun and not mask.all():
         raise ValueError("the first reset must reset every world")
-    seeds = [None] * num_envs if seed is None else seed
-    seeds = [seeds + i for i in range(num_envs)] if isinstance(seeds, int | np.integer) else list(seeds)
+    if seed is not None and np.ndim(seed) == 0:
+        seed = [checked_seed(seed) + i for i in range(num_envs)]
+    asked = [None] * num_envs if seed is None else seed
+    seeds = [None if one is None else checked_seed(one) for one in asked]
     if len(seeds) != num_envs:
         raise ValueError(f"reset: {num_envs} worlds need as many seeds, got {len(seeds)}")
-    if any(one is not None and one < 0 for one in seeds):
-        raise ValueError(f"a seed must not be negative, got {seeds}")
     preference = options.get("preference")
     if preference is None:
         return mask, seeds, [None] * num_envs

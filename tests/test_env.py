@@ -324,10 +324,13 @@ def test_wrong_settings_are_refused_in_one_line():
     env = DynamicNavEnv()
     with pytest.raises(UnusableInput, match=r"unknown option 'preferense'.*preference"):
         env.reset(options={"preferense": 1})
-    with pytest.raises(gymnasium.error.Error, match="greater or equal to zero"):
-        env.reset(seed=-3)
-    with pytest.raises(ValueError, match="negative"):
-        env.worlds.reset(seed=-3)
+    for reset in (env.reset, env.worlds.reset):
+        for seed in (-3, 1.5, "ab", True, {}):
+            with pytest.raises(UnusableInput, match=f"a seed must be a whole number of at least 0, got {seed!r}$"):
+                reset(seed=seed)
+    with pytest.raises(UnusableInput, match=r"at least 0, got 0\.5"):
+        DynamicNavVectorEnv(2).reset(seed=[1, 0.5])
+    env.reset(seed=np.int64(3))
 
 
 def test_it_is_registered_and_reads_the_article_s_config(tmp_path):

@@ -104,6 +104,12 @@ def test_an_action_for_each_agent_is_asked_for(actions):
         env.step(actions)
 
 
+@pytest.mark.parametrize("seed", [1.5, "ab", -1])
+def test_a_seed_that_is_none_is_refused_in_one_line(seed):
+    with pytest.raises(UnusableInput, match=f"a seed must be a whole number of at least 0, got {seed!r}$"):
+        FleetEnv(CONFIG).reset(seed=seed)
+
+
 def test_a_scenario_without_a_fleet_is_refused():
     with pytest.raises(UnusableInput, match=r"'navigation' is of one robot: .* known here: fleet_crossing"):
         FleetEnv(CONFIG, "navigation")

@@ -7,7 +7,7 @@ import numpy as np
 from dualnav_lite import rewards
 from dualnav_lite.config import Config
 from dualnav_lite.fleet import CrossTerm, FleetWorlds, draw_layout
-from dualnav_lite.interface import action_box, checked_actions, observation_box, split_infos
+from dualnav_lite.interface import action_box, checked_actions, checked_seed, observation_box, split_infos
 from dualnav_lite.perception import Percept, Perception
 from dualnav_lite.scenario import load_scenario
 
@@ -43,7 +43,7 @@ class FleetEnv:
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None):
         """Observations and infos, a dictionary by agent each; the same seed gives the same bytes."""
-        seed = int(np.random.default_rng().integers(1_000_000)) if seed is None else seed
+        seed = int(np.random.default_rng().integers(1_000_000)) if seed is None else checked_seed(seed)
         self.worlds = FleetWorlds([draw_layout(self.scenario, self.config, seed)], self.scenario, self.config)
         n, sim = len(self.possible_agents), self.worlds
         self._preference = np.full(n, 0.5 if self.config.preference == "drawn" else self.config.preference)
