@@ -72,9 +72,9 @@ class DynamicNavEnv(OneWorld):
 
     ## Episode
     `terminated`: goal reached (within 0.4 m), contact, flat battery. `truncated`: out of time (twice the shortest path
-    at 0.8 m/s and 15 s). The last step's `info["summary"]` holds the columns of `episodes.csv`; `info["episode"]` is
-    left to Gymnasium's `RecordEpisodeStatistics`. A long run (`battery`) lasts three hours, with a goal every 20 s and
-    no end at a contact.
+    at `hardware.max_lin_vel`, and 15 s). The last step's `info["summary"]` holds the columns of `episodes.csv`;
+    `info["episode"]` is left to Gymnasium's `RecordEpisodeStatistics`. A long run (`battery`) lasts three hours, with a
+    goal every 20 s and no end at a contact.
 
     ## Scenarios
     navigation, pop_up, crowd_crossing, crowd_reactive, low_light, battery, comms_dropout and their variants: see

@@ -159,7 +159,7 @@ class Scenario(Frozen):
     fleet: Fleet | None = None
     start_charge: Shares = Range(low=0.15, high=1.0)
     goal_radius_m: Positive = 0.4
-    time_limit_paths: Positive = 2.0  # time limit = this x shortest path / 0.8 m/s + time_limit_extra_s
+    time_limit_paths: Positive = 2.0  # time limit = this x shortest path / hardware.max_lin_vel + time_limit_extra_s
     time_limit_extra_s: NonNegative = 15.0
 
     @model_validator(mode="after")

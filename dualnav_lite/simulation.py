@@ -117,9 +117,8 @@ class Simulation:
             commands: (n, 2) v [m/s], omega [rad/s] inside the hardware limits.
             active: (n,) bool; the others stay as they are.
         """
-        c, movers = self.config, self.movers
-        is_all = bool(active.all())
-        kept = None if is_all else (self.robots.battery.copy(), self.robots.wheels.copy(), self.robots.pose_odom.copy())
+        c, movers, idle = self.config, self.movers, ~active
+        kept = {name: getattr(self.robots, name)[idle] for name in ("battery", "wheels", "twist") if idle.any()}
         self._fire_pop_ups(active)
         movers.move(
             self.poses,
@@ -138,9 +137,8 @@ class Simulation:
             world.advance(self.robots.displacement[i], movers.velocities[i], c.physics_dt_s, c.substeps)
             world.read(self.poses[i], movers.states[i])
             self.contacts[i] = world.contact
-        if kept is not None:
-            idle = ~active
-            self.robots.battery[idle], self.robots.wheels[idle] = kept[0][idle], kept[1][idle]
+        for name, values in kept.items():
+            getattr(self.robots, name)[idle] = values
         self.robots.odometry(before, self.poses)
         self.odometer_m += np.hypot(*(self.poses[:, :2] - before[:, :2]).T)
         self.steps[active] += 1

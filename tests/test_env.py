@@ -11,6 +11,7 @@ import dualnav_lite  # noqa: F401  (registers DualNav-v0)
 from dualnav_lite.config import Config, UnusableInput, with_overrides
 from dualnav_lite.encoder import BANDS, CHANNELS, read_bands
 from dualnav_lite.env import DynamicNavEnv, DynamicNavVectorEnv, split_infos
+from dualnav_lite.parallel_env import flat
 from dualnav_lite.rewards import TERMS
 from dualnav_lite.scenario import all_scenarios
 from tests.drivers import run_episodes, seek
@@ -225,7 +226,7 @@ def test_same_step_autoreset_hands_out_the_last_observation_and_the_next_first()
 
 
 def test_a_finished_world_stands_still_until_it_is_reset():
-    env = DynamicNavVectorEnv(4, scenario="crowd_crossing", autoreset=False)
+    env = DynamicNavVectorEnv(4, scenario="crowd_crossing", autoreset=False, truth=True)
     _, infos = env.reset(seed=FIRST)
     done = np.zeros(4, bool)
     while not done.any():
@@ -235,8 +236,21 @@ def test_a_finished_world_stands_still_until_it_is_reset():
     later, reward, _, _, later_infos = env.step(seek(infos))
     assert np.array_equal(later[i], observations[i])
     assert reward[i] == 0.0
-    assert later_infos["time_s"][i] == infos["time_s"][i]
-    assert np.array_equal(later_infos["pose"][i], infos["pose"][i])
+    last, now = (split_infos(one, 4)[i] for one in (infos, later_infos))
+    assert np.abs(last["twist"]).max() > 0.1  # it was moving when it ended
+    of_the_step = {"reward_terms", "vector_reward", "clipped", "summary"}
+    told = {path: value for path, value in flat(last).items() if path[0] not in of_the_step}
+    assert len(told) > 30
+    for path, value in told.items():
+        np.testing.assert_array_equal(flat(now)[path], value, err_msg=".".join(path))
+
+
+def test_the_time_limit_follows_the_speed_that_the_hardware_allows():
+    for speed in (0.8, 0.4):
+        env = DynamicNavEnv(config=with_overrides(Config(), {"hardware.max_lin_vel": speed}))
+        env.reset(seed=FIRST)
+        layout = env.worlds.sim.layouts[0]
+        assert layout.time_limit_s == pytest.approx(2.0 * layout.shortest_path_m / speed + 15.0)
 
 
 def test_test_mode_draws_the_stress_scenarios_itself():
