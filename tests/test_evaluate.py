@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dualnav_lite.config import UnusableInput
+from dualnav_lite.config import UnusableInput, dump_config, with_overrides
 from dualnav_lite.episodes import COLUMNS, SEEDS
 from dualnav_lite.evaluate import evaluate, library_env
+from dualnav_lite.scenario import load_scenario
 
 SEEDS_HERE = SEEDS["tuning"][:120]
 
@@ -271,22 +272,64 @@ class Pursuit:
         return np.column_stack([self.speed * np.clip(np.cos(bearing), 0.1, 1.0), self.turn[: len(infos)]])
 
 
-def test_rows_of_the_real_worlds_are_the_same_bytes_for_1_8_and_32_worlds_and_1_or_2_workers(tmp_path):
+class Watched:
+    """`library_env`, noting in a folder which process makes how many worlds; waits there until `processes` have."""
+
+    def __init__(self, folder, processes):
+        self.folder, self.processes = folder, processes
+        folder.mkdir()
+
+    def __call__(self, num_envs, config, scenario, planner):
+        (self.folder / f"{os.getpid()}.{scenario.id}.{num_envs}").touch()
+        give_up = time.monotonic() + 120
+        while len({process for process, _, _ in self.made()}) < self.processes:
+            assert time.monotonic() < give_up, "no other process has come"
+            time.sleep(0.01)
+        return library_env(num_envs, config, scenario, planner)
+
+    def made(self):
+        return sorted(path.name.split(".") for path in self.folder.iterdir())
+
+
+def short_scenarios(folder):
+    """Files of three scenarios whose runs last seconds: people, light and link; boxes that pop up; a crowd."""
+    radio = {f"link.{key}": value for key, value in load_scenario("comms_dropout_bursts").link.model_dump().items()}
+    near = {"goal_radius_m": 1.5, "room.goal_distance_m.low": 2.0, "room.goal_distance_m.high": 3.0}
+    soon = {"pop_up.first_trigger_m.low": 0.1, "pop_up.first_trigger_m.high": 0.3}
+    for name, base, change in (
+        ("dim", "low_light_phantoms", radio | near),
+        ("box", "pop_up", soon),
+        ("crowd", "crowd_reactive", {"crowd.lead_s.low": 4.0}),
+    ):
+        limit = {"id": name, "time_limit_paths": 0.1, "time_limit_extra_s": 1.8}
+        scenario = with_overrides(load_scenario(base), change | limit)
+        (folder / f"{name}.yaml").write_text(dump_config(scenario), encoding="utf-8")
+        yield str(folder / f"{name}.yaml")
+
+
+def test_rows_of_the_real_worlds_are_the_same_bytes_for_1_8_and_32_worlds_and_1_or_2_workers(tmp_path, monkeypatch):
+    monkeypatch.setattr("dualnav_lite.evaluate.LITTLE", 0)
     settings = {
         "arms": ["pursuit"],
-        "scenarios": ["navigation", "pop_up", "crowd_crossing", "low_light_phantoms", "comms_dropout_bursts"],
-        "seeds": SEEDS["tuning"][:6],
+        "scenarios": list(short_scenarios(tmp_path)),
+        "seeds": SEEDS["tuning"][:34],  # two more than worlds, so that some begin a second episode
         "make_planner": Pursuit,
-        "make_env": library_env,
     }
     contents = []
-    for number, more in enumerate(({"num_envs": 1}, {"num_envs": 8}, {"num_envs": 32, "jobs": 2}, {"num_envs": 4})):
-        rows = run(tmp_path / str(number), **settings, **more)
-        contents.append(content(tmp_path / str(number)))
+    for worlds, jobs in ((1, 1), (8, 1), (32, 2)):
+        watched = Watched(tmp_path / f"made {worlds}", jobs)
+        rows = run(tmp_path / str(worlds), **settings, num_envs=worlds, jobs=jobs, make_env=watched)
+        contents.append(content(tmp_path / str(worlds)))
+        processes, scenarios, counts = zip(*watched.made(), strict=True)
+        assert set(counts) == {str(worlds)}
+        assert sorted(scenarios) == ["box", "crowd", "dim"]
+        assert len(set(processes)) == jobs
+        assert (str(os.getpid()) in processes) == (jobs == 1)
     assert len(set(contents)) == 1
-    assert len(rows) == 30
+    assert len(rows) == 3 * 34
     assert not (rows.outcome == "error").any(), rows.reason.tolist()
     assert (rows.training_seed == 4).all()
     assert rows.time_s.to_numpy() == pytest.approx(0.1 * rows.steps)
     assert (rows.outcome == "goal").any()
+    assert (rows[rows.scenario != "dim"].groupby("scenario").events.max() > 0).all()
     assert rows.drop(columns=["training_seed", "first_event_s"]).notna().all(axis=None)
