@@ -144,6 +144,28 @@ def settings():
     return variables
 
 
+def kernel_folder(cache):
+    """Where numba keeps what it compiled from this checkout's kernels, in NUMBA_CACHE_DIR or, without one, beside them.
+
+    There the name is numba's: the source folder's and the SHA-1 of its path. Other projects' kernels lie next to it.
+    """
+    if not cache:
+        return os.path.join(KERNELS, "__pycache__")
+    return os.path.join(cache, os.path.basename(KERNELS) + "_" + hashlib.sha1(KERNELS.encode("utf-8")).hexdigest())
+
+
+def remove_kernels(folder):
+    """Remove the compiled kernels in a folder; how many could not be."""
+    kept = 0
+    for name in os.listdir(folder) if os.path.isdir(folder) else []:
+        if name.endswith((".nbi", ".nbc")):
+            try:
+                os.remove(os.path.join(folder, name))
+            except OSError:
+                kept += 1
+    return kept
+
+
 def warm(python, variables):
     """Compile the kernels where they changed since the last time."""
     cache = variables.get("NUMBA_CACHE_DIR", KERNELS)
@@ -155,12 +177,12 @@ def warm(python, variables):
     if read(stamp) != wanted:
         say("compiling the kernels, once: about a minute, most of it in the first part")
         # numba looks at a kernel's own file only: one that calls a changed kernel of another file would stay as it was.
-        for folder, _, names in os.walk(cache):
-            for name in names:
-                if name.endswith((".nbi", ".nbc")):
-                    os.remove(os.path.join(folder, name))
+        folder = kernel_folder(variables.get("NUMBA_CACHE_DIR"))
+        kept = remove_kernels(folder)
+        if kept:
+            say("%d old kernels cannot be removed and may be out of date: close what uses %s" % (kept, folder))
         run([python, "-m", "dualnav_lite", "warm"], "the kernels could not be compiled", env=variables)
-        if is_writable(os.path.dirname(stamp)):
+        if not kept and is_writable(os.path.dirname(stamp)):
             with open(stamp, "w", encoding="utf-8") as file:
                 file.write(wanted)
 

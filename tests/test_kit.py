@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from numba.core.caching import _CacheLocator
 
 ROOT = Path(__file__).resolve().parent.parent
 UNUSABLE = 2
@@ -124,13 +125,49 @@ def test_checkouts_that_share_an_environment_keep_each_other_s_kernels(kit, tmp_
     kit.steps.clear()
     for checkout in ("one", "two", "one", "two"):
         kernels = tmp_path / checkout / "kernels"
-        kernels.mkdir(parents=True, exist_ok=True)
+        (kernels / "__pycache__").mkdir(parents=True, exist_ok=True)
         (kernels / "a.py").write_text(f"x = '{checkout}'\n", encoding="utf-8")
-        (kernels / "a.nbi").touch()
+        (kernels / "__pycache__" / "a.nbi").touch()
         monkeypatch.setattr(kit, "KERNELS", str(kernels))
         kit.warm(python, {})
     assert kit.steps == [["-m", "dualnav_lite", "warm"]] * 2
-    assert (tmp_path / "one" / "kernels" / "a.nbi").exists()
+    assert (tmp_path / "one" / "kernels" / "__pycache__" / "a.nbi").exists()
+
+
+@pytest.mark.parametrize("is_shared", [False, True])
+def test_warm_removes_the_kernels_of_this_checkout_alone(kit, tmp_path, monkeypatch, is_shared):
+    kernels, cache = tmp_path / "课程 one" / "kernels", tmp_path / "cache"
+    kernels.mkdir(parents=True)
+    (kernels / "a.py").touch()
+    monkeypatch.setattr(kit, "KERNELS", str(kernels))
+    shared = cache / _CacheLocator.get_suitable_cache_subpath(str(kernels / "a.py"))
+    own = shared if is_shared else kernels / "__pycache__"
+    others = [cache / "kernels_0123", cache / "physics_4567", cache, tmp_path / "else" / "kernels" / "__pycache__"]
+    for folder in [own, *others]:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in ("a.f-1.py311.nbi", "a.f-1.py311.1.nbc", "notes.txt"):
+            (folder / name).touch()
+    kit.warm(kit.own_environment(), {"NUMBA_CACHE_DIR": str(cache)} if is_shared else {})
+    assert [path.name for path in own.iterdir()] == ["notes.txt"]
+    assert all(len([path for path in folder.iterdir() if path.is_file()]) == 3 for folder in others)
+
+
+def test_a_kernel_that_cannot_be_removed_is_said_and_tried_again_the_next_time(kit, tmp_path, monkeypatch, capsys):
+    kernels = tmp_path / "kernels"
+    locked = kernels / "__pycache__" / "locked.nbi"  # a folder, which is not removed as a file is
+    locked.mkdir(parents=True)
+    (kernels / "a.py").touch()
+    (kernels / "__pycache__" / "a.nbi").touch()
+    monkeypatch.setattr(kit, "KERNELS", str(kernels))
+    python = kit.own_environment()
+    kit.steps.clear()
+    kit.warm(python, {})
+    assert "1 old kernels cannot be removed" in capsys.readouterr().err
+    assert not (kernels / "__pycache__" / "a.nbi").exists()
+    locked.rmdir()
+    kit.warm(python, {})
+    kit.warm(python, {})
+    assert kit.steps == [["-m", "dualnav_lite", "warm"]] * 2
 
 
 def test_kernels_go_elsewhere_when_the_checkout_cannot_be_written(kit, tmp_path, monkeypatch):
