@@ -1,16 +1,20 @@
 """Claims about recorded drives: whole, the same for any number of worlds, and laid out as the article says."""
 
+import re
+
 import cv2
 import numpy as np
 import pandas as pd
 import pytest
 
+from dualnav_lite.__main__ import main
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.forecast import SHIPPED
 from dualnav_lite.geometry import to_robot
-from dualnav_lite.recording import drive, load, names, record, save
+from dualnav_lite.recording import LOG_COLUMNS, drive, load, names, record, save
 
 SAMPLE = SHIPPED.parent.parent / "data" / "sample"
+README = SAMPLE.parent / "README.md"
 
 
 def test_a_drive_does_not_depend_on_its_neighbours():
@@ -81,4 +85,17 @@ def test_the_committed_sample_is_small_and_whole():
     assert len(recording.scans) == len(recording.poses) == len(recording.movers)
     log = pd.read_csv(SAMPLE / "logs" / "episodes.csv")
     assert log.episode[0] == name
-    assert {"avg_safe_dist", "total_energy"} <= set(log.columns)
+    assert log.frames[0] == len(recording.scans)
+
+
+def test_the_command_in_the_readme_records_the_committed_sample_again(tmp_path):
+    command = re.search(r"^python kit\.py (record .+) --out data/sample$", README.read_text("utf-8"), re.MULTILINE)[1]
+    assert main([*command.split(), "--out", str(tmp_path)]) == 0
+    assert names(tmp_path) == names(SAMPLE)
+    (name,) = names(SAMPLE)
+    again, kept = (pd.read_csv(folder / "logs" / "episodes.csv") for folder in (tmp_path, SAMPLE))
+    assert again.drop(columns=LOG_COLUMNS[-3:]).equals(kept.drop(columns=LOG_COLUMNS[-3:]))
+    np.testing.assert_allclose(again[LOG_COLUMNS[-3:]], kept[LOG_COLUMNS[-3:]], rtol=0.02)  # another processor's digits
+    one, two = load(tmp_path, name), load(SAMPLE, name)
+    for part in ("scans", "poses", "true_poses", "movers"):
+        np.testing.assert_allclose(getattr(one, part)[:20], getattr(two, part)[:20], atol=1e-3)
