@@ -120,7 +120,7 @@ def stands(row) -> str:
 
 def paired_cells(table: pd.DataFrame, language: str = "en") -> list[tuple[str, ...]]:
     """Cells under `PAIRED_HEADER`."""
-    names = titles(language)
+    names, to = titles(language), {"en": "to", "zh": "至"}[language]
     return [
         (
             names.get(row.scenario, row.scenario),
@@ -129,7 +129,7 @@ def paired_cells(table: pd.DataFrame, language: str = "en") -> list[tuple[str, .
             str(row.only_a),
             str(row.only_b),
             f"{100 * row.difference:+.1f}",
-            f"{100 * row.low:+.1f} to {100 * row.high:+.1f}",
+            f"{100 * row.low:+.1f} {to} {100 * row.high:+.1f}",
             f"{row.mcnemar_p:.2g}",
         )
         for row in table.itertuples()

@@ -193,7 +193,9 @@ def test_the_report_names_bounds_claims_failures_and_published_arms_in_two_langu
     for text in (chinese, chinese_page):
         assert "突现障碍" in text
         assert "最好的盲驾方案" in text
-        assert not re.search(r"\b(survived|clearance|beaten|furniture)\b", text.partition("`a command`")[2])
+        assert not re.search(r"\b(survived|clearance|beaten|furniture|to)\b", text.partition("`a command`")[2])
+        assert re.search(r"[+-]\d+\.\d 至 [+-]\d+\.\d", text)
+    assert re.search(r"[+-]\d+\.\d to [+-]\d+\.\d", english)
     assert len(survival_lines(tables["survival"])) == 2 + 3
 
 
