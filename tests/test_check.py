@@ -1,5 +1,6 @@
 """Checks: usual mistakes get the hint that fits, other right solutions pass, and every id is one word everywhere."""
 
+import ast
 import re
 import time
 from pathlib import Path
@@ -39,6 +40,25 @@ def test_a_usual_mistake_gets_its_hint_and_another_right_solution_passes(path):
     hint = re.fullmatch(r"# hint: (.+)", line)[1]
     assert wrong is not None, "a wrong solution passed"
     assert hint in "\n".join(wrong.lines("en")), wrong.lines("en")
+
+
+def test_an_image_of_float64_is_told_to_become_float32():
+    def wide(*given):
+        return reference("encode_state")(*given).astype(np.float64)
+
+    wrong = judge("encode_state", wide)
+    assert "hint: end with `.astype(np.float32)`" in "\n".join(wrong.lines("en"))
+    assert (wrong.parts["expected"], wrong.parts["got"]) == ("float32", "float64")
+
+
+def test_messages_hold_no_marks_that_a_plain_line_would_show():
+    for path in (ROOT / "dualnav_lite" / "check").glob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for call_of in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+            if getattr(call_of.func, "id", "") == "Text":
+                said = [n.value for n in ast.walk(call_of) if isinstance(n, ast.Constant) and isinstance(n.value, str)]
+                for text in said:
+                    assert not re.search(r"\*\*|(?<![\w`])\*\w", re.sub(r"`[^`]*`", "", text)), (path.name, text)
 
 
 @pytest.mark.parametrize("exercise", IDS)

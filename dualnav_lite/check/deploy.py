@@ -16,9 +16,9 @@ TOO_EARLY = Text("what differs before it was seen is no answer to it", "看到�
 ANY_CHANGE = Text(
     "only more than 0.05 m/s or 0.1 rad/s counts: less is noise", "超过 0.05 m/s 或 0.1 rad/s 才算：更小的是噪声"
 )
-ONE_OF_BOTH = Text("v *or* omega: a turn is an answer too", "v **或** omega：转向也是响应")
+ONE_OF_BOTH = Text("v or omega: a turn is an answer too", "v 或 omega：转向也是响应")
 SIGN = Text("slower and faster both count: the size of the difference", "变慢和变快都算：看差的绝对值")
-LAST = Text("the *first* command that differs", "**第一个**不同的指令")
+LAST = Text("the first command that differs", "第一个不同的指令")
 
 
 def _drives(changes: dict[int, tuple[float, float]]) -> dict:

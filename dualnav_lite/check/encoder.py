@@ -33,7 +33,7 @@ SATURATES = Text("d / (d + 2): fine near the goal and never 1", "d / (d + 2)：�
 SWAPPED = Text(
     "the sine belongs to the left, y over d; the cosine to ahead, x over d", "正弦对应左方 y / d，余弦对应前方 x / d"
 )
-AGE = Text("an age of 2 s reads 1", "地图时延 2 s 读作 1")
+AGE = Text("an age of 2 s reads 1", "地图已过时间 2 s 读作 1")
 ONE_NUMBER = Text("ten numbers in ten bands, not one number everywhere", "十个数放进十个条带，不是到处同一个数")
 USUAL_BANDS = {
     "v": [(0.4, RAW), (0.7, ONE_NUMBER)],
@@ -84,7 +84,7 @@ def bands_stay_in_their_range(mine):
     expect(claim, _band(mine, MIDDLES[0]), given, 1.0, [(2.0, clip)], 1e-5)
     claim = Text("-2.4 rad/s reads -1, no less", "-2.4 rad/s 也只读作 -1")
     expect(claim, _band(mine, MIDDLES[1]), given, -1.0, [(-2.0, clip)], 1e-5)
-    claim = Text("a map 9 s old reads 1, no more", "时延 9 s 的地图也只读作 1")
+    claim = Text("a map 9 s old reads 1, no more", "地图已过时间 9 s 也只读作 1")
     expect(claim, _band(mine, MIDDLES[8]), {"ego": an_ego(map_age_s=9.0)}, 1.0, [(4.5, clip)], 1e-5)
     claim = Text(
         "a goal and a guide point at the robot's own place are straight ahead: sine 0, cosine 1",
@@ -215,6 +215,16 @@ def channels_stand_in_their_order(mine):
     hold(claim, bool(near.any()) and not got[1][44:].any(), "", rows, near, hint)
 
 
+def numbers_are_float32(mine):
+    claim = Text("the image is float32, as the networks are", "图像为 float32，与网络一致")
+    kind = np.asarray(plain(call(claim, mine, a_state()))).dtype
+    hint = Text(
+        "end with `.astype(np.float32)`: what NumPy computes is float64",
+        "最后加上 `.astype(np.float32)`：NumPy 的计算结果是 float64",
+    )
+    hold(claim, kind == np.float32, "", "float32", str(kind), hint)
+
+
 CHECKS = {
     "paint_bands": [each_band_holds_its_number, bands_fill_their_rows, bands_stay_in_their_range],
     "project_intensity": [
@@ -222,7 +232,7 @@ CHECKS = {
         the_strongest_beam_of_a_cell_counts,
         what_lies_beyond_leaves_no_trace,
     ],
-    "encode_state": [the_image_has_four_channels, channels_stand_in_their_order],
+    "encode_state": [the_image_has_four_channels, channels_stand_in_their_order, numbers_are_float32],
 }
 
 

@@ -8,7 +8,7 @@ from dualnav_lite.highway import cars
 SIGN = Text("a penalty is negative", "惩罚应为负值")
 LINEAR = Text("the hinge is squared", "缺口要取平方")
 SUMMED = Text("whichever is worse, not both added up", "取两者中较差的一个，不是相加")
-LESSER = Text("whichever is *worse*: the larger shortfall", "取两者中**较差**的：较大的缺口")
+LESSER = Text("whichever is worse: the larger shortfall", "取两者中较差的：较大的缺口")
 BONUS = Text(
     "more room than asked for is worth nothing extra: no shortfall is below 0", "多余的空间不加分：缺口不小于 0"
 )

@@ -9,8 +9,8 @@ from dualnav_lite.check.verdict import Text, call, expect, hold, shown
 
 Z = 1.959964  # 95 % of a normal distribution lie within so many standard deviations
 PLAIN = Text(
-    "the plain formula, with the deviation of the observed rate: Wilson asks which *true* rates fit",
-    "这是简单公式，用的是观测成功率的标准差：Wilson 问的是哪些**真实**成功率说得通",
+    "the plain formula, with the deviation of the observed rate: Wilson asks which true rates fit",
+    "这是简单公式，用的是观测成功率的标准差：Wilson 问的是哪些真实成功率说得通",
 )
 ONE_DEVIATION = Text("95 % need 1.96 standard deviations, not one", "95 % 需要 1.96 个标准差，而不是一个")
 NO_TRIALS = Text("rates in [0, 1], not counts: divide by the trials", "要 [0, 1] 中的比率，不是次数：除以试验次数")

@@ -23,7 +23,7 @@ CHINESE = {
     "goal cos": "目标方位 cos",
     "guide sin": "引导点方位 sin",
     "guide cos": "引导点方位 cos",
-    "map age": "地图时延",
+    "map age": "地图已过时间",
     "preference": "偏好",
     "robot": "机器人",
     "goal, radius 0.4 m": "目标（半径 0.4 m）",
