@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from dualnav_lite.config import Config, UnusableInput, write_atomic
+from dualnav_lite.config import CONTROL_DT_S, Config, UnusableInput, write_atomic
 from dualnav_lite.drivers import MODEL_FOLDER, EmbeddedPolicy
 from dualnav_lite.env import DynamicNavVectorEnv
 
@@ -33,6 +33,8 @@ COLUMNS = [
 STAND_IN = '''"""Stands in for the kit's `config` on a robot: only what the encoder reads."""
 
 from dataclasses import dataclass, field
+
+CONTROL_DT_S = {step_s!r}
 
 
 class UnusableInput(ValueError):
@@ -107,7 +109,9 @@ def build(folder: str | Path, scenario: str = "crowd_crossing", seed: int = 2_00
         source = PACKAGE / f"{name.replace('.', '/')}.py"
         write_atomic(folder / "dualnav_lite" / source.relative_to(PACKAGE), source.read_bytes())
     layout = observation.get("layout", "image")  # older cards do not say
-    settings = STAND_IN.format(layout=layout, intensity=observation["intensity"], **observation["motion"])
+    settings = STAND_IN.format(
+        step_s=CONTROL_DT_S, layout=layout, intensity=observation["intensity"], **observation["motion"]
+    )
     write_atomic(folder / "dualnav_lite" / "config.py", settings)
     for package in ("dualnav_lite", "dualnav_lite/kernels"):
         write_atomic(folder / package / "__init__.py", "")
