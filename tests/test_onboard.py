@@ -35,7 +35,6 @@ def test_the_folder_is_small_and_imports_nothing_else(tmp_path):
 
 
 @needs_model
-@pytest.mark.slow
 def test_the_folder_alone_gives_the_commands_that_the_whole_system_gave(tmp_path):
     folder = tmp_path / "板 上"
     onboard.build(folder, frames=20)
