@@ -118,7 +118,8 @@ class Simulation:
             active: (n,) bool; the others stay as they are.
         """
         c, movers, idle = self.config, self.movers, ~active
-        kept = {name: getattr(self.robots, name)[idle] for name in ("battery", "wheels", "twist") if idle.any()}
+        held = ("battery", "wheels", "twist") if idle.any() else ()
+        kept = {name: getattr(self.robots, name)[idle] for name in held}
         self._fire_pop_ups(active)
         movers.move(
             self.poses,

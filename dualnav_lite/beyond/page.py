@@ -80,7 +80,7 @@ COLUMNS: dict[str, dict[str, str]] = {
         "acceleration [m/s2]": "{accel_rms:.2f} [{accel_low:.2f}, {accel_high:.2f}]",
         "turns a second": "{turns_a_second:.2f} [{turns_low:.2f}, {turns_high:.2f}]",
     },
-}  # fmt: skip
+}
 
 
 class _Nothing:
