@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from dualnav_lite.kernels.clearance import line_clearance, point_clearance
+from dualnav_lite.rooms import FIELD_RESOLUTION_M
 from dualnav_lite.scenario import PopUp
 
 # The place ahead is nearer to the goal by this share of its distance: a robot that is still turning has no way yet.
@@ -109,11 +110,13 @@ def _goal_stays_reachable(pose, blocked, reach: float, room, goal) -> bool:
 def _around(point, radius: float, room):
     """The part of a room's grid that holds a disc, as slices, and how far its cells are from the middle [m]."""
     rows, columns = room.clearance.shape
-    resolution = room.width / columns
     (x0, x1), (y0, y1) = (
-        (max(int((middle - radius) / resolution) - 1, 0), min(int((middle + radius) / resolution) + 2, count))
-        for middle, count in ((point[0], columns), (point[1], rows))
+        (max(int(begin / FIELD_RESOLUTION_M) - 1, 0), min(int(end / FIELD_RESOLUTION_M) + 2, count))
+        for begin, end, count in (
+            (point[0] - radius, point[0] + radius, columns),
+            (point[1] - radius, point[1] + radius, rows),
+        )
     )
-    y = (np.arange(y0, y1)[:, None] + 0.5) * resolution
-    x = (np.arange(x0, x1)[None, :] + 0.5) * resolution
+    y = (np.arange(y0, y1)[:, None] + 0.5) * FIELD_RESOLUTION_M
+    x = (np.arange(x0, x1)[None, :] + 0.5) * FIELD_RESOLUTION_M
     return (slice(y0, y1), slice(x0, x1)), np.hypot(x - point[0], y - point[1])

@@ -5,9 +5,11 @@ import pytest
 
 from dualnav_lite.config import Config
 from dualnav_lite.geometry import to_robot
-from dualnav_lite.kernels.clearance import line_clearance
+from dualnav_lite.kernels.clearance import line_clearance, static_clearance
 from dualnav_lite.kernels.movers import CROSSING, PEDESTRIAN, POP_UP, UNAWARE
 from dualnav_lite.layout import generate, shortest_path
+from dualnav_lite.pop_ups import _around
+from dualnav_lite.rooms import FIELD_RESOLUTION_M, StaticRoom
 from dualnav_lite.scenario import SCENARIO_FOLDER, all_scenarios, load_scenario
 from dualnav_lite.semantics import Surface
 from dualnav_lite.simulation import Simulation
@@ -166,6 +168,21 @@ def test_a_box_comes_from_cover_and_where_there_is_none_in_view_at_the_last():
                 assert layout.goal_field[room.cell(pose)] <= 2.0 + 0.9 + 2.0
     assert hidden > 100
     assert in_view > 100
+
+
+def test_the_disc_that_a_box_blocks_holds_the_cells_that_are_within_it():
+    """In rooms that are no whole number of cells wide, as most are."""
+    for width, height in ((12.0, 8.0), (19.91, 13.37), (8.05, 23.99)):
+        clearance = static_clearance(np.zeros((0, 5)), width, height, FIELD_RESOLUTION_M)
+        room = StaticRoom(width, height, np.zeros((0, 5)), np.zeros(0, np.uint8), clearance)
+        iy, ix = np.indices(clearance.shape)
+        for point in ((width - 1.0, height - 1.0), (0.1, 0.1), (0.5 * width, 0.9 * height)):
+            expected = np.hypot(0.1 * (ix + 0.5) - point[0], 0.1 * (iy + 0.5) - point[1]) <= 0.7
+            found = np.zeros_like(expected)
+            window, distance = _around(point, 0.7, room)
+            found[window] = distance <= 0.7
+            assert (found == expected).all()
+            assert distance[tuple(np.subtract(room.cell(point), [part.start for part in window]))] <= 0.0708
 
 
 def test_a_pop_up_box_is_not_there_before_it_fires():
