@@ -136,7 +136,7 @@ def status(folder: str | Path = ".", lang: str | None = None, export: str | Path
         lang: as in `check`.
         export: another folder, which gets what is yours (`export_parts`); nothing where there is no lesson.
     """
-    language = language_of(lang)
+    language = language_of(lang, folder)
     found = export_parts(folder, export) if export and has_lessons(folder) else parts_in(folder)
     for lesson in LESSONS:
         print(lesson)

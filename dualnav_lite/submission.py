@@ -67,7 +67,7 @@ def pack(
     Raises:
         UnusableInput: an id that is none, no lesson, an `out` that holds something else.
     """
-    notebooks, out, k = Path(notebooks), Path(out), LANGUAGES.index(language_of(lang))
+    notebooks, out, k = Path(notebooks), Path(out), LANGUAGES.index(language_of(lang, notebooks))
     if not STUDENT.fullmatch(student):
         raise UnusableInput(f"a student id is 1 to 64 letters, digits, '.', '-' or '_', got '{student}'")
     if out.exists() and any(out.iterdir()) and not (out / "manifest.json").exists():
@@ -114,7 +114,7 @@ def try_out(
         jobs: worker processes.
         scenarios: ids.
     """
-    k = LANGUAGES.index(language_of(lang))
+    k = LANGUAGES.index(language_of(lang, notebooks))
     if not (Path(notebooks) / "weights" / POLICY).exists():
         say(NO_WEIGHTS[k])
         return

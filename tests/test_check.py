@@ -11,7 +11,7 @@ import pytest
 
 from dualnav_lite.check import LESSONS, NotYet, check, judge, reference, set_language
 from dualnav_lite.check import _module as module_of
-from dualnav_lite.check.verdict import Text, Wrong, call, expect, hold, is_close, shown
+from dualnav_lite.check.verdict import Text, Wrong, call, expect, hold, is_close, language_of, shown
 from dualnav_lite.config import ROOT, UnusableInput
 
 MUTANTS = Path(__file__).parent / "mutants"
@@ -138,6 +138,15 @@ def test_a_language_is_kept_for_all_lessons_of_a_folder(monkeypatch, tmp_path, c
     assert last == first
     with pytest.raises(UnusableInput, match="known: en, zh"):
         set_language("de")
+
+
+def test_commands_speak_the_language_that_was_kept_in_the_folder_they_are_asked_about(monkeypatch, tmp_path):
+    monkeypatch.delenv("DUALNAV_LANG", raising=False)
+    (tmp_path / "course").mkdir()
+    monkeypatch.chdir(tmp_path / "course")
+    set_language("zh")
+    monkeypatch.chdir(tmp_path)
+    assert [language_of(), language_of(None, "course"), language_of("en", "course")] == ["en", "zh", "en"]
 
 
 def test_a_notebook_shows_the_words_without_a_traceback():

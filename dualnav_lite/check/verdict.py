@@ -26,9 +26,10 @@ class Text(NamedTuple):
     zh: str
 
 
-def language_of(asked: str | None = None) -> str:
-    """ "en" or "zh": what is asked for, else what `set_language` kept here, else `$DUALNAV_LANG`, else English."""
-    kept = Path(KEPT).read_text(encoding="utf-8").strip() if Path(KEPT).is_file() else ""
+def language_of(asked: str | None = None, folder: str | Path = ".") -> str:
+    """ "en" or "zh": what is asked for, else what `set_language` kept in `folder`, else `$DUALNAV_LANG`, else "en"."""
+    path = Path(folder) / KEPT
+    kept = path.read_text(encoding="utf-8").strip() if path.is_file() else ""
     found = asked or kept or os.environ.get("DUALNAV_LANG") or "en"
     if found not in LANGUAGES:
         raise UnusableInput(f"unknown language '{found}'; known: {', '.join(LANGUAGES)}")

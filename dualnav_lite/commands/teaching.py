@@ -94,5 +94,5 @@ def submit(
     target = submission.pack(folder, student, out or Path(f"submission_{student}"), lang=lang)
     if episodes:
         submission.try_out(folder, target, episodes, jobs=jobs, lang=lang)
-    print(submission.HAND_IN[LANGUAGES.index(language_of(lang))].format(folder=target))
+    print(submission.HAND_IN[LANGUAGES.index(language_of(lang, folder))].format(folder=target))
     return 0

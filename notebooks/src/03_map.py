@@ -339,4 +339,4 @@ pd.Series(counts, name="arrived of 12 walled rooms").to_frame()
 # - `seed=5` in part 4: a room where the robot turns more loses more.
 #
 # Papers: Moravec, Elfes, *High resolution maps from wide angle sonar*, ICRA 1985; Thrun, Burgard, Fox, *Probabilistic
-# Robotics*, 2005, eq. 9.7 (log-odds); Gilbert, *Capacity of a burst-noise channel*, Bell System Tech. J. 1960 (bursts).
+# Robotics*, 2005, table 9.1 (log-odds); Gilbert, *Capacity of a burst-noise channel*, Bell System Tech. J. 1960 (bursts).
