@@ -21,7 +21,7 @@ def questions(rng: np.random.Generator) -> list[Question]:
         advantages, returns = gae_reference(*arrays.values(), gamma, gae_lambda)
         arrays |= {"gamma": np.array(gamma), "gae_lambda": np.array(gae_lambda)}
         also = {"returns": "returns_are_advantages_plus_values"}
-        return Question(hint, arrays, {"advantages": advantages, "returns": returns}, share, 1e-6, also)
+        return Question(hint, arrays, {"advantages": advantages, "returns": returns}, share, 1e-5, also)
 
     some = float(rng.uniform(0.8, 0.97))
     return [

@@ -4,6 +4,8 @@ import numpy as np
 
 from grading.tasks import Question
 
+SINGLE = 5e-5  # tolerance: in single precision 10 m of way are off by 1e-5 points
+
 
 def _right(before, after, reached, gamma):
     following = [0.0 if r else -10.0 * a for a, r in zip(after, reached, strict=True)]
@@ -20,7 +22,7 @@ def questions(rng: np.random.Generator) -> list[Question]:
         if reached:
             flags[:2] = True, False
         arrays = {"before": before, "after": after, "reached": flags, "gamma": np.array(gamma), **more}
-        return Question(hint, arrays, {"values": _right(before, after, flags, gamma)}, share)
+        return Question(hint, arrays, {"values": _right(before, after, flags, gamma)}, share, SINGLE)
 
     return [
         ask("progress_is_paid", 0.0, 1.0, 0.3),

@@ -3,6 +3,7 @@
 import numpy as np
 
 from grading.tasks import Question
+from grading.tasks.goal import SINGLE
 
 
 def _right(t: dict[str, np.ndarray]) -> np.ndarray:
@@ -50,7 +51,7 @@ def questions(rng: np.random.Generator) -> list[Question]:
 
     def ask(hint, share, **fixed):
         t = transitions(rng, 8, **fixed)
-        return Question(hint, t, {"values": _right(t)}, share)
+        return Question(hint, t, {"values": _right(t)}, share, SINGLE)
 
     still = {"clearance": 2.0, "intrusion": 0.0, "energy_j": 0.0}
     way, gained = rng.uniform(1.0, 8.0, 8), rng.uniform(-0.08, 0.08, 8)
