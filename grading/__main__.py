@@ -257,6 +257,9 @@ def main(arguments: list[str] | None = None) -> int:
         message = getattr(error, "format_message", error.__str__)()
         print(f"error: {' '.join(message.split())}", file=sys.stderr)
         return 2
+    except OSError as error:  # a full disk for temporary files; a path would tell a name
+        print(f"error: this machine refuses: {error.strerror or type(error).__name__}", file=sys.stderr)
+        return 2
     except (KeyboardInterrupt, typer.Abort):
         print("\ninterrupted; the same command goes on from here", file=sys.stderr)
         return 130

@@ -57,7 +57,8 @@ def run_on_cluster(room: Room, todo: list[tuple[Submission, Path]], cluster: str
     """Grade a list on a cluster; how many stayed ungraded. Results are written as they come, in any order.
 
     Raises:
-        UnusableInput: an address that will not do, nobody answers there, or no worker can grade.
+        UnusableInput: an address that will not do, nobody answers there, no worker can grade, or a result cannot be
+            written.
     """
     given = (room.rubric, room.secret, room.tier, room.limits, room.fingerprint())
     done, problem = 0, ""
@@ -71,6 +72,8 @@ def run_on_cluster(room: Room, todo: list[tuple[Submission, Path]], cluster: str
                 write_result(path, result, times)
                 done += 1
                 say(f"{done} of {len(todo)} submissions")
+        except UnusableInput:  # a full disk is ours
+            raise
         except (
             Exception
         ) as error:  # Dask's own: workers that died under the same submission three times, or all of them

@@ -8,6 +8,7 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import cast
 
+from dualnav_lite.config import UnusableInput
 from grading.intake import Submission
 from grading.room import Room
 from grading.store import write_result, write_whole
@@ -29,12 +30,20 @@ def _work(pipe, room: Room, parent: int) -> None:
         if result is None:
             pipe.send("ungraded")
             continue
-        write_result(path, result, times)
+        try:
+            write_result(path, result, times)
+        except UnusableInput as refusal:
+            pipe.send(refusal)
+            continue
         pipe.send("done")
 
 
 def run_workers(room: Room, todo: list[tuple[Submission, Path]], jobs: int, say) -> int:
-    """Grade a list with some workers; how many stayed ungraded. A worker that dies costs its submission one retry."""
+    """Grade a list with some workers; how many stayed ungraded. A worker that dies costs its submission one retry.
+
+    Raises:
+        UnusableInput: a result cannot be written, so none of the others could be kept either.
+    """
     context = multiprocessing.get_context("fork")
     waiting, lost, done = list(todo), 0, 0
     again: list[tuple[Submission, Path]] = []
@@ -75,6 +84,8 @@ def run_workers(room: Room, todo: list[tuple[Submission, Path]], jobs: int, say)
                 except (EOFError, OSError):
                     process.join()
                     answer = "died"
+                if isinstance(answer, UnusableInput):
+                    raise answer
                 if answer == "died" and not second:
                     again.append(task)
                     continue

@@ -252,7 +252,7 @@ def line_of(row: dict, language: str) -> str:
     """One line about an exercise, for systems that take text alone."""
     words = WORDS[language]
     reason = words["colon"] + reason_text(row["reason_code"], language) if row["reason_code"] else ""
-    return words[row["status"]] + reason
+    return words.get(row["status"], row["status"]) + reason
 
 
 def zipped(pages: dict[str, bytes]) -> bytes:

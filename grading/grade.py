@@ -76,6 +76,7 @@ def grade_class(
         write_times(out, list(paths.values()))
         made_of = {
             "fingerprint": fingerprint,
+            "rubric": room.rubric.sha256(),
             "tier": room.tier,
             "results": sorted(path.name for path in paths.values()),
         }
@@ -84,10 +85,10 @@ def grade_class(
 
 
 def _result_or_ungraded(room: Room, submission: Submission, path: Path) -> dict:
-    """A submission's result; where there is none, a row that says so and no points."""
+    """A submission's result, with its folder as it is called now; where there is none, one that says so, no points."""
     found = read_result(path)
     if found is not None:
-        return found
+        return found | {"folder": submission.folder}
     nothing = asdict(Outcome(0.0, "ungraded", "sandbox_failed"))
     return {
         "assignment": room.rubric.assignment,
@@ -138,14 +139,16 @@ def merge(folders: list[Path], out: Path, rubric: Rubric, overrides, late) -> li
     """Tables of shards that were graded apart, as if they had been graded together.
 
     Raises:
-        UnusableInput: a folder holds no finished run, the runs were not made with the same grader, key and tier, or a
-            student stands in two of them.
+        UnusableInput: a folder holds no finished run, the runs were not made with the same grader, key and tier, or
+            with another rubric, or a student stands in two of them.
     """
     runs = [read_result(folder / "run.json") for folder in folders]
     if not runs or None in runs:
         raise UnusableInput("merge: a folder holds no finished run (run.json)")
     if len({run["fingerprint"] for run in runs}) > 1:
         raise UnusableInput("merge: the shards were graded with different graders, rubrics, keys or tiers")
+    if runs[0].get("rubric") != rubric.sha256():
+        raise UnusableInput("merge: the shards were graded with another rubric; name it by --rubric")
     paths = [folder / "results" / name for folder, run in zip(folders, runs, strict=True) for name in run["results"]]
     with locked(out):
         results = [read_result(path) for path in paths]

@@ -157,13 +157,17 @@ def take_in(folder: Path, wanted: frozenset[str]) -> list[Submission]:
         wanted: names of the files that grading knows, such as `07_rewards.ipynb`.
 
     Raises:
-        UnusableInput: no such folder, nothing in it, or two folders of one student; names that a person cannot tell
-            apart, since their letters are only composed in another way, are of one student.
+        UnusableInput: no such folder, one that cannot be listed, nothing in it, or two folders of one student; names
+            that a person cannot tell apart, since their letters are only composed in another way, are of one student.
     """
     if not folder.is_dir():
         raise UnusableInput(f"{folder}: no such folder")
     found, typed = [], []
-    for entry in os.scandir(folder):
+    try:
+        entries = list(os.scandir(folder))
+    except OSError as error:
+        raise UnusableInput(f"{folder}: cannot be read: {error.strerror}") from None
+    for entry in entries:
         if entry.name.startswith("."):
             continue
         if not entry.is_dir(follow_symlinks=False) and not entry.is_symlink():

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dualnav_lite.config import UnusableInput
-from grading.tables import defused, number
+from grading.tables import COLUMNS, defused, number, read_csv
 
 
 @dataclass(frozen=True)
@@ -107,11 +107,18 @@ def read_rows(out: Path) -> list[dict]:
     """Rows of the grades in an output folder.
 
     Raises:
-        UnusableInput: there are none.
+        UnusableInput: there are none, or a spreadsheet has spoilt them.
     """
     for name in ("grades.csv", "grades.UNSANDBOXED.csv"):
         if (out / name).exists():
-            return list(csv.DictReader(io.StringIO((out / name).read_text(encoding="utf-8"))))
+            rows = read_csv(out / name, COLUMNS)
+            for k, row in enumerate(rows, 2):
+                try:
+                    float(row["points"]), float(row["max_points"])
+                except ValueError:
+                    if row["status"] != "ungraded":
+                        raise UnusableInput(f"{name}, line {k}: the points are no number") from None
+            return rows
     raise UnusableInput(f"{out}: holds no grades.csv; grade first")
 
 

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from dualnav_lite.chunks import sha256
 from dualnav_lite.config import Frozen, Positive, Share, read_yaml, validated
 from dualnav_lite.scenario import load_scenario
 from grading.tasks import task_of
@@ -160,6 +161,10 @@ class Rubric(Frozen):
         """Most points by exercise, in order."""
         parts = {name: one.points for lesson in self.lessons.values() for name, one in lesson.exercises.items()}
         return parts | (self.policy.points() if self.policy else {})
+
+    def sha256(self) -> str:
+        """Hash of all of it."""
+        return sha256(self.model_dump_json())
 
     def mask(self) -> dict[str, str]:
         """Exercise by symbol of the library that answers it."""

@@ -13,18 +13,25 @@ from grading.intake import Submission
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """A file that is there whole or not at all, also after a loss of power."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".tmp")
+    """A file that is there whole or not at all, also after a loss of power.
+
+    Raises:
+        UnusableInput: the disk is full, or the folder refuses.
+    """
+    name = ""
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".tmp")
         with os.fdopen(handle, "wb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
         os.replace(name, path)
-    except BaseException:
+    except BaseException as error:
         with contextlib.suppress(OSError):
             os.unlink(name)
+        if isinstance(error, OSError):
+            raise UnusableInput(f"{path.name}: cannot be written: {error.strerror}") from None
         raise
 
 

@@ -71,15 +71,19 @@ def read_csv(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
     """Rows of a table that a person wrote.
 
     Raises:
-        UnusableInput: it cannot be read or lacks a column.
+        UnusableInput: it cannot be read, lacks a column, or has a line that ends before one of them.
     """
     try:
-        rows = list(csv.DictReader(io.StringIO(path.read_text(encoding="utf-8-sig"))))
+        reader = csv.DictReader(io.StringIO(path.read_text(encoding="utf-8-sig")))
+        rows = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise UnusableInput(f"{path}: cannot be read: {' '.join(str(error).split())[:120]}") from None
-    missing = [name for name in columns if rows and name not in rows[0]]
-    if missing:
-        raise UnusableInput(f"{path}: lacks the column '{missing[0]}'")
+    for name in columns:
+        if name not in (reader.fieldnames or ()):
+            raise UnusableInput(f"{path}: lacks the column '{name}'")
+        for k, row in enumerate(rows, 2):
+            if row[name] is None:
+                raise UnusableInput(f"{path.name}, line {k}: has no '{name}'")
     return rows
 
 
@@ -161,11 +165,11 @@ def read_overrides(path: Path | None, rubric: Rubric) -> dict[tuple[str, str], t
         key = row["student_id"], row["exercise"]
         try:
             points = float(row["points"])
-        except (TypeError, ValueError):  # a short line has no such cell
+        except ValueError:
             points = -1.0
         if row["exercise"] not in most or not 0.0 <= points <= most[row["exercise"]]:
             raise UnusableInput(f"{path.name}, line {k}: exercise or points that the rubric does not know")
-        if not (row["reason"] or "").strip() or key in found:
+        if not row["reason"].strip() or key in found:
             raise UnusableInput(f"{path.name}, line {k}: no reason is given, or the line stands twice")
         found[key] = points, row["reason"].strip()
     return found

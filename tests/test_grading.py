@@ -253,6 +253,15 @@ def test_text_typed_into_moodle_is_passed_over_and_has_a_reason_where_nothing_el
     assert {"en", "zh"} == set(reason_texts()["online_text"])
 
 
+def test_a_class_that_cannot_be_listed_is_told_in_one_line(tmp_path, monkeypatch):
+    def refused(path):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(os, "scandir", refused)
+    with pytest.raises(UnusableInput, match="cannot be read: Permission denied"):
+        take_in(tmp_path, WANTED)
+
+
 def test_only_hashes_of_a_class_stay_in_memory_and_what_changes_since_is_not_graded(tmp_path):
     for k in range(30):
         (tmp_path / "class" / f"s{k:02}").mkdir(parents=True)

@@ -213,6 +213,20 @@ def test_a_worker_grades_a_few_and_then_a_fresh_one_goes_on(tmp_path, monkeypatc
     assert max(workers.values()) <= 2
 
 
+def test_a_full_disk_stops_all_workers_with_one_line(tmp_path, monkeypatch):
+    from grading import crew
+
+    def full(path, result, times):
+        raise UnusableInput("s0.json: cannot be written: No space left on device")
+
+    monkeypatch.setattr(crew, "grade_timed", lambda room, submission: ({}, {}))
+    monkeypatch.setattr(crew, "write_result", full)
+    todo = [(Submission(f"s{k}", ""), tmp_path / "results" / f"s{k}.json") for k in range(7)]
+    with pytest.raises(UnusableInput, match="No space left"):
+        crew.run_workers(None, todo, 2, lambda text: None)
+    assert len(list((tmp_path / "results").glob("*.attempt"))) <= 2
+
+
 def test_a_kernel_that_does_not_start_in_time_is_nobodys_zero():
     works("A")
     limits = Limits(start_s=0.05)

@@ -1,10 +1,13 @@
 """What leaves the grader: feedback that runs nothing and tells nothing hidden, tables of other systems, late work."""
 
 import csv
+import errno
 import html.parser
 import io
 import json
+import os
 import re
+import tempfile
 import zipfile
 from dataclasses import asdict
 
@@ -17,17 +20,19 @@ from dualnav_lite import course
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.exercises import stub
 from grading.__main__ import _name_strangers as name_strangers
-from grading.feedback import REASONS, page, reason_text, reasons, zipped
-from grading.grade import merge, write_tables
+from grading.__main__ import main
+from grading.feedback import REASONS, line_of, page, reason_text, reasons, zipped
+from grading.grade import _result_or_ungraded, merge, write_tables
+from grading.intake import Submission
 from grading.late import late_shares
 from grading.left_behind import left_behind
 from grading.lesson import Outcome
-from grading.lms import fill, gradescope_results, totals
+from grading.lms import fill, gradescope_results, read_rows, totals
 from grading.room import NOTEBOOKS
 from grading.rubric import Late, load_rubric
 from grading.said import said_by
 from grading.store import to_json, write_whole
-from grading.tables import read_overrides, rows_of
+from grading.tables import COLUMNS, read_overrides, rows_of, to_csv
 from grading.tasks import questions_of
 
 EVIL = "<script>alert(1)</script>"
@@ -177,11 +182,25 @@ def test_a_number_of_another_column_is_not_taken_for_a_students_id():
     assert missing == []
 
 
+A_RUN = {"fingerprint": "f", "rubric": load_rubric().sha256(), "tier": "A", "results": ["a.json"]}
+
+
+def test_shards_are_merged_with_the_rubric_that_graded_them_alone(tmp_path):
+    """With another one the points would be others, and nobody would see it."""
+    write_whole(tmp_path / "1" / "results" / "a.json", to_json(a_result("7")))
+    write_whole(tmp_path / "1" / "run.json", to_json(A_RUN))
+    rubric = load_rubric()
+    dearer = rubric.model_copy(update={"policy": rubric.policy.model_copy(update={"seconds": 9.0})})
+    with pytest.raises(UnusableInput, match="--rubric"):
+        merge([tmp_path / "1"], tmp_path / "out", dearer, {}, {})
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_student_who_stands_in_two_shards_is_not_counted_twice(tmp_path):
     for k in (1, 2):
         result = a_result("7")
         write_whole(tmp_path / str(k) / "results" / "a.json", to_json(result))
-        write_whole(tmp_path / str(k) / "run.json", to_json({"fingerprint": "f", "tier": "A", "results": ["a.json"]}))
+        write_whole(tmp_path / str(k) / "run.json", to_json(A_RUN))
     assert len(merge([tmp_path / "1"], tmp_path / "out", load_rubric(), {}, {})) == len(load_rubric().points())
     with pytest.raises(UnusableInput, match="in two shards"):
         merge([tmp_path / "1", tmp_path / "2"], tmp_path / "out", load_rubric(), {}, {})
@@ -196,6 +215,40 @@ def test_a_short_line_of_overrides_is_refused(tmp_path):
     (tmp_path / "changes.csv").write_text("student_id,exercise,points,reason\n7,gae\n", encoding="utf-8")
     with pytest.raises(UnusableInput, match="line 2"):
         read_overrides(tmp_path / "changes.csv", load_rubric())
+
+
+def test_a_line_without_its_student_is_refused(tmp_path):
+    (tmp_path / "changes.csv").write_text("exercise,points,reason,student_id\ngae,5,sick\n", encoding="utf-8")
+    with pytest.raises(UnusableInput, match="line 2: has no 'student_id'"):
+        read_overrides(tmp_path / "changes.csv", load_rubric())
+    (tmp_path / "times.csv").write_text("submitted,student_id\n2026-01-10T12:00\n", encoding="utf-8")
+    with pytest.raises(UnusableInput, match="line 2: has no 'student_id'"):
+        late_shares(tmp_path / "times.csv", "2026-01-10T12:00", Late())
+    (tmp_path / "times.csv").write_text("student;submitted\n", encoding="utf-8")
+    with pytest.raises(UnusableInput, match="lacks the column"):
+        late_shares(tmp_path / "times.csv", "2026-01-10T12:00", Late())
+
+
+@pytest.mark.parametrize("change", ["semicolons", "another encoding", "emptied", "no points", "points in words"])
+def test_grades_that_a_spreadsheet_spoilt_are_not_exported(change, tmp_path, capsys):
+    table = to_csv(COLUMNS, rows_for(a_result("张"))).decode("utf-8")
+    changed = {
+        "semicolons": table.replace(",", ";").encode("utf-8"),
+        "another encoding": table.encode("gbk"),
+        "emptied": b"",
+        "no points": table.replace('"gae","5"', '"gae",""').encode("utf-8"),
+        "points in words": table.replace('"gae","5"', '"gae","4,5"').encode("utf-8"),
+    }[change]
+    (tmp_path / "grades.csv").write_bytes(changed)
+    assert main(["export", "gradescope", "--grades", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["grades.csv"]
+
+
+def test_a_status_that_a_teacher_wrote_into_the_grades_stands_for_itself(tmp_path):
+    row = rows_for(a_result("7"))[0] | {"status": "Passed", "reason_code": ""}
+    (tmp_path / "grades.csv").write_bytes(b"\xef\xbb\xbf" + to_csv(COLUMNS, [row]))
+    assert line_of(read_rows(tmp_path)[0], "zh") == "Passed"
 
 
 def test_an_ungraded_student_gets_no_zero_anywhere():
@@ -268,6 +321,33 @@ def test_the_files_for_ci_let_namespaces_be_made_and_grade_every_shard():
     count = gitlab["grade"]["parallel"]
     assert all(f"shards/{k + 1}" in " ".join(gitlab["tables"]["script"]) for k in range(count))
     assert "kernel.apparmor_restrict_unprivileged_userns=0" in " ".join(gitlab["grade"]["script"])
+
+
+def test_feedback_goes_into_the_folder_as_it_is_called_now(tmp_path):
+    """Moodle's folders are called otherwise once the names of a blind marking are shown."""
+    write_whole(tmp_path / "a.json", to_json(a_result("7")))
+    now = Submission("7", "Anna_7_assignsubmission_file_")
+    assert _result_or_ungraded(None, now, tmp_path / "a.json") == a_result("7") | {"folder": now.folder}
+
+
+def test_a_full_disk_ends_in_one_line_and_leaves_no_half_file(tmp_path, monkeypatch, capsys):
+    def full(handle):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    (tmp_path / "grades.csv").write_bytes(to_csv(COLUMNS, rows_for(a_result("7"))))
+    monkeypatch.setattr(os, "fsync", full)
+    assert main(["export", "gradescope", "--grades", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == "error: results.json: cannot be written: No space left on device\n"
+    assert not [path for path in (tmp_path / "gradescope").rglob("*") if path.is_file()]
+
+
+def test_what_the_machine_refuses_is_one_line(monkeypatch, capsys):
+    def full(*given, **more):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "/tmp/anna")
+
+    monkeypatch.setattr(tempfile, "mkdtemp", full)
+    assert main(["example"]) == 2
+    assert capsys.readouterr().err == "error: this machine refuses: No space left on device\n"
 
 
 def test_tables_and_feedback_are_written_whole_and_the_same_again(tmp_path):
