@@ -15,7 +15,8 @@ from grading.job import Limits, SandboxError
 from grading.shown import hidden_copies, system_folders
 
 MEGABYTE = 1 << 20
-GIVING_WAY = ["nice", "-n", "5"]  # whoever looks after a sandbox from outside comes first
+# Whoever looks after a sandbox from outside comes first; where the machine's memory runs out, the sandbox goes first.
+GIVING_WAY = ["sh", "-c", 'echo 1000 > /proc/self/oom_score_adj; exec nice -n 5 "$@"', "sh"]
 
 
 def is_root() -> bool:
@@ -59,7 +60,7 @@ def mounts(folder: Path, packages: Path | None, limits: Limits) -> list[str]:
         options += ["--ro-bind", str(packages), "/grader/packages"]
     (folder / "grader" / "socket").mkdir()
     options += ["--ro-bind", str(folder / "socket"), "/grader/socket"]
-    return [*options, "--remount-ro", "/dev", "--remount-ro", "/", "--chdir", "/tmp"]
+    return [*options, "--remount-ro", "/dev", "--remount-ro", "/proc", "--remount-ro", "/", "--chdir", "/tmp"]
 
 
 def start(program: list[str], environment: dict[str, str], options: list[str]) -> tuple[subprocess.Popen, int]:

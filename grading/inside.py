@@ -4,7 +4,6 @@ It is started as a file by an isolated interpreter (`-I`), next to copies of the
 Nothing that it or anything after it prints is read as a verdict.
 """
 
-import contextlib
 import json
 import os
 import resource
@@ -12,12 +11,6 @@ import runpy
 import shutil
 import sys
 from pathlib import Path
-
-
-def give_way() -> None:
-    """Where the machine's memory runs out, go before whoever looks after this from outside."""
-    with contextlib.suppress(OSError), open("/proc/self/oom_score_adj", "w", encoding="utf-8") as file:
-        file.write("1000")
 
 
 def give_up_root(uid: int) -> None:
@@ -80,7 +73,6 @@ def main(path: str) -> None:
     job = json.loads(Path(path).read_text(encoding="utf-8"))
     here = str(Path(__file__).parent)
     sys.path.append(here)
-    give_way()
     if job["lifeline"]:
         import supervisor
 

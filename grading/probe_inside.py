@@ -10,6 +10,7 @@ import os
 import resource
 import signal
 import socket
+import subprocess
 import sys
 from pathlib import Path
 
@@ -94,6 +95,12 @@ def own_work() -> bool:
     return True
 
 
+def stays_first_to_go() -> bool:
+    """Whether a program keeps the mark by which the kernel ends it first; tried by a new one, which owns its /proc."""
+    change = "open('/proc/self/oom_score_adj', 'w').write('0')"
+    return subprocess.run([sys.executable, "-I", "-c", change], stderr=subprocess.DEVNULL).returncode != 0
+
+
 TRIALS = {
     "internet": lambda: no_socket(socket.AF_INET) and no_socket(socket.AF_INET6),
     "vsock": lambda: no_socket(40),
@@ -109,6 +116,7 @@ TRIALS = {
     "write_dev": lambda: shut("/dev/probe", "wb"),
     "write_python": lambda: shut(os.path.join(sys.prefix, "probe"), "wb"),
     "write_grader": lambda: shut(Path(__file__).parent / "probe", "wb"),
+    "memory_mark": stays_first_to_go,
     "write_kernel": lambda: shut("/proc/sys/kernel/core_pattern", "wb"),
     "ptrace": lambda: refused(101, 0, 0, 0, 0),
     "process_vm": lambda: refused(310, os.getpid(), None, 0, None, 0, 0) and refused(311, os.getpid(), None, 0),

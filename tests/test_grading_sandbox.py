@@ -42,6 +42,9 @@ if os.fork() == 0:
         except OSError:
             pass
         time.sleep(0.001)
+"""
+SERVING = b"""
+import os, sys
 sys.path.insert(0, os.environ["GRADING_FOLDER"])
 import serve
 serve.run({}, serve.greet(os.environ["GRADING_SOCKET"]))
@@ -51,7 +54,7 @@ import sys, time
 from grading.intake import Submission
 from grading.job import Job
 from grading.sandbox import Sandbox
-sandbox = Sandbox(Job(brought={{"restless.py": {RESTLESS!r}}}, program="restless.py"), sys.argv[1])
+sandbox = Sandbox(Job(brought={{"restless.py": {RESTLESS + SERVING!r}}}, program="restless.py"), sys.argv[1])
 sandbox.accept(60, 1 << 20)
 print(sandbox._first, sandbox.folder, flush=True)
 time.sleep(1000)
@@ -72,6 +75,17 @@ def test_a_grader_that_is_killed_leaves_no_process(tier, tmp_path):
     while watchdog.members(first, 0) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert watchdog.members(first, 0) == []
+
+
+@pytest.mark.parametrize("tier", ["A", "B"])
+def test_where_memory_runs_out_the_kernel_ends_a_sandbox_first(tier):
+    works(tier)
+    with Sandbox(Job(brought={"run.py": SERVING}, program="run.py"), tier) as sandbox:
+        sandbox.accept(60, 1 << 20)
+        members = watchdog.members(sandbox._first, 0)
+        marks = {Path(f"/proc/{pid}/oom_score_adj").read_text(encoding="utf-8").strip() for pid in members}
+    assert members
+    assert marks == {"1000"}
 
 
 def test_each_sandbox_has_a_core_of_its_own():
