@@ -8,6 +8,7 @@ import typer
 
 from dualnav_lite.config import UnusableInput
 
+INTERRUPTED = 130
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None, no_args_is_help=True)
 Key = Annotated[Path | None, typer.Option(help="Key file of the hidden seeds; `python -m grading key` makes one.")]
 Out = Annotated[Path, typer.Option(help="Folder of results and tables.")]
@@ -252,7 +253,7 @@ def release(
 def main(arguments: list[str] | None = None) -> int:
     """Run a command and give its exit code; what cannot be used ends in one line on stderr and code 2."""
     try:
-        return app(arguments, standalone_mode=False) or 0
+        code = app(arguments, standalone_mode=False) or 0
     except (UnusableInput, typer.TyperException) as error:
         message = getattr(error, "format_message", error.__str__)()
         print(f"error: {' '.join(message.split())}", file=sys.stderr)
@@ -261,8 +262,10 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"error: this machine refuses: {error.strerror or type(error).__name__}", file=sys.stderr)
         return 2
     except (KeyboardInterrupt, typer.Abort):
+        code = INTERRUPTED
+    if code == INTERRUPTED:  # typer turns Ctrl-C into this code by itself, without a word
         print("\ninterrupted; the same command goes on from here", file=sys.stderr)
-        return 130
+    return code
 
 
 if __name__ == "__main__":

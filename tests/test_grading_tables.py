@@ -350,6 +350,15 @@ def test_what_the_machine_refuses_is_one_line(monkeypatch, capsys):
     assert capsys.readouterr().err == "error: this machine refuses: No space left on device\n"
 
 
+def test_ctrl_c_says_that_the_same_command_goes_on(monkeypatch, capsys):
+    def interrupted(*given, **more):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(tempfile, "mkdtemp", interrupted)
+    assert main(["example"]) == 130
+    assert "the same command goes on from here" in capsys.readouterr().err
+
+
 def test_tables_and_feedback_are_written_whole_and_the_same_again(tmp_path):
     line = {"scenario": "navigation", "preference": 0.5, "episodes": 2, "safe_dist_m": 0.2, "energy_j_per_goal": None}
     detail = {"share_of_box": 0.1, "threshold": 0.2, "pareto": [line]}
