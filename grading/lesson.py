@@ -138,7 +138,8 @@ class _Run:
     def __init__(self, setting: Setting, usable: dict[str, str], outcomes: dict[str, Outcome]):
         self._setting, self._usable, self._outcomes = setting, usable, outcomes
         self._names = {name: names_of(source) for name, source in usable.items()}
-        self._in_company: dict[str, Outcome] = {}  # of exercises whose names another cell may have taken
+        self._in_company: dict[str, Outcome] = {}  # of exercises for which company was too much or too little
+        self._company: dict[str, str] = {}  # cells that have run together
         self.said: dict[str, str] = {}
 
     def _open(self) -> list[str]:
@@ -166,7 +167,8 @@ class _Run:
                     if session.status == "ungraded":
                         self._outcomes.update({name: session for name in todo})
                     return  # some cell spoils it for the others; each alone tells which
-                ended = self._ask_all(session, todo)
+                self._company = self._company or dict(cells)
+                ended = self._ask_all(session, todo, len(cells) < len(self._company))
                 if not ended:
                     return
                 del cells[self._cell(ended)]
@@ -174,15 +176,15 @@ class _Run:
     def _own_parts(self, exercise: str, cells: dict[str, str]) -> bool:
         return all(name in cells for name in (self._cell(exercise), *self._needs(exercise)))
 
-    def _ask_all(self, session, todo: list[str]) -> str:
-        """Grade in order; the exercise that ended the sandbox, or nothing."""
+    def _ask_all(self, session, todo: list[str], some_left: bool) -> str:
+        """Grade in order; the exercise that ended the sandbox, or nothing. `some_left`: not all cells are there."""
         for name in todo:
             if not all(self._has_passed(need) for need in self._needs(name)):
                 continue
             outcome, died = self._ask(session, name, dict.fromkeys(self._needs(name), "student"))
             if died:
                 return name
-            if outcome.status != "passed" and self._shares_a_name(name):
+            if outcome.status != "passed" and (self._shares_a_name(name) or (some_left and misses_a_name(outcome))):
                 self._in_company[name] = outcome
             else:
                 self._outcomes[name] = outcome
@@ -194,21 +196,28 @@ class _Run:
         return any(self._names[one] & self._names[name] for name in own for one in self._usable if one != name)
 
     def one_by_one(self) -> None:
-        """Each exercise that is open in a sandbox of its own; what it calls is the reference where it did not pass."""
+        """Each exercise that is open in a sandbox of its own; what it calls is the reference where it did not pass.
+
+        One that misses a name there is asked once more among all cells: an import or a helper may stand in another one.
+        """
         for name in self._open():
-            parts = {}
-            cells = {self._cell(name): self._usable[self._cell(name)]}
-            for need in self._needs(name):
-                own = self._has_passed(need)
-                parts[need] = "student" if own else "reference"
-                cells[need] = self._usable[need] if own else self._setting.master.solutions[need]
-            with self._session(cells) as session:
-                if isinstance(session, Outcome):
-                    self._outcomes[name] = session
-                else:
-                    self._outcomes[name], _ = self._ask(session, name, parts)
-            if (earlier := self._in_company.get(name)) and earlier.share > self._outcomes[name].share:
-                self._outcomes[name] = earlier
+            found = [self._apart(name, {})]
+            if misses_a_name(found[0]) and self._company:
+                found.append(self._apart(name, self._company))
+            if name in self._in_company:
+                found.append(self._in_company[name])
+            self._outcomes[name] = max(found, key=lambda one: one.share)
+
+    def _apart(self, name: str, company: dict[str, str]) -> Outcome:
+        """Outcome of an exercise in a sandbox of its own, with its cell, what it calls, and company."""
+        parts, cells = {}, company | {self._cell(name): self._usable[self._cell(name)]}
+        for need in self._needs(name):
+            own = self._has_passed(need)
+            parts[need] = "student" if own else "reference"
+            lent = [] if own else [self._setting.master.solutions[need]]
+            cells[need] = "\n\n\n".join([*([self._usable[need]] if own or need in company else []), *lent])
+        with self._session(cells) as session:
+            return session if isinstance(session, Outcome) else self._ask(session, name, parts)[0]
 
     @contextlib.contextmanager
     def _session(self, cells: dict[str, str]):
@@ -268,6 +277,11 @@ def cut_off(problem: wire.ProtocolError, killed_for: str) -> tuple[str, str]:
     if isinstance(problem, wire.DeadlineError):
         return "timeout", "took_too_long"
     return "error", "kernel_ended" if isinstance(problem, wire.ClosedError) else "protocol"
+
+
+def misses_a_name(outcome: Outcome) -> bool:
+    """Whether a name was not there: of what a function uses, or of itself since its cell ended early."""
+    return not {"raised_NameError", "not_defined"}.isdisjoint([outcome.reason, *outcome.detail.get("wrong", [])])
 
 
 def error_reason(name: str) -> str:

@@ -181,6 +181,32 @@ def test_two_right_cells_with_helpers_of_one_name_are_both_right():
     assert {one.status for one in outcomes.values()} == {"passed"}
 
 
+def test_right_parts_whose_imports_and_helpers_stand_in_a_wrong_ones_cell_are_right():
+    """In a notebook the first cell that needs an import holds it, whether its own function is right or not."""
+    works("A")
+    rubric = example_rubric(LESSON)
+    with prepared(rubric, Secret(b"k" * 32, "imports"), "A", Limits()) as made:
+        setting = made.setting(LESSON)
+        terms = (MUTANTS / "reward_terms" / "right_by_hand.py").read_text(encoding="utf-8")
+        weights = setting.master.solutions["reward_weights"]
+        cells = {
+            "safe": "import math\n\n\ndef safe(clearance):\n    return 0.0 * np.asarray(clearance)",
+            "goal": "import os\n\n\ndef goal(*given):\n    os._exit(0)",
+            "reward_terms": terms.replace("(t):", "(t, most=math.inf):"),
+            "reward_weights": weights.replace("(preference, ", "(preference: os.PathLike, "),
+        }
+        outcomes, _ = grade_lesson(setting, cells)
+    assert cells["reward_weights"] != weights
+    found = {name: (one.status, one.reason) for name, one in outcomes.items()}
+    assert found == {
+        "safe": ("failed", "close_costs_the_square"),
+        "goal": ("error", "kernel_ended"),
+        "reward_terms": ("passed", ""),
+        "reward_weights": ("passed", ""),
+    }
+    assert outcomes["reward_terms"].source == "safe:reference+goal:reference+reward_terms:student"
+
+
 @pytest.mark.slow
 def test_in_the_sandbox_the_reference_of_every_lesson_gets_everything():
     works("A")
