@@ -191,9 +191,13 @@ class _Run:
         return ""
 
     def _shares_a_name(self, exercise: str) -> bool:
-        """Whether another cell binds a name that this one or a part of it binds: two helpers of the same name, say."""
+        """Whether another cell binds a name that this one or a part of it binds: two helpers of the same name, say.
+
+        The same import twice takes nothing away.
+        """
         own = {self._cell(exercise), *self._needs(exercise)}
-        return any(self._names[one] & self._names[name] for name in own for one in self._usable if one != name)
+        others = [(self._names[name], self._names[one]) for name in own for one in self._usable if one != name]
+        return any(mine[word] != its[word] or not mine[word] for mine, its in others for word in mine.keys() & its)
 
     def one_by_one(self) -> None:
         """Each exercise that is open in a sandbox of its own; what it calls is the reference where it did not pass.

@@ -174,18 +174,23 @@ def normalised(source: str) -> str:
         return "".join(source.split())
 
 
-def names_of(source: str) -> set[str]:
-    """Names that a cell binds in the notebook, imports left out; none where it is no Python."""
-    names: set[str] = set()
+def names_of(source: str) -> dict[str, str]:
+    """Names that a cell binds in the notebook, with what is imported as each, empty for its own; none in no Python."""
+    names: dict[str, str] = {}
     try:
         for node in ast.parse(source).body:
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-                names.add(node.name)
-            else:
-                stored = (one for one in ast.walk(node) if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store))
-                names.update(one.id for one in stored)
+                names[node.name] = ""
+                continue
+            for one in ast.walk(node):
+                if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store):
+                    names[one.id] = ""
+                elif isinstance(one, ast.Import | ast.ImportFrom):
+                    for alias in one.names:
+                        whole = alias.name if alias.asname else alias.name.partition(".")[0]
+                        names[alias.asname or whole] = f"{getattr(one, 'module', '')}.{whole}"
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return set()
+        return {}
     return names
 
 

@@ -165,7 +165,7 @@ def test_a_part_that_raises_costs_its_own_points_and_no_more():
     assert outcomes["reward_terms"].source == "safe:student+goal:reference+reward_terms:student"
 
 
-def test_two_right_cells_with_helpers_of_one_name_are_both_right():
+def test_two_right_cells_with_helpers_or_imports_of_one_name_are_both_right():
     works("A")
     rubric = example_rubric(LESSON)
     with prepared(rubric, Secret(b"k" * 32, "helpers"), "A", Limits()) as made:
@@ -175,7 +175,9 @@ def test_two_right_cells_with_helpers_of_one_name_are_both_right():
         cells = solutions | {
             "safe": helper.format("np.maximum(0.3 - np.maximum(given[0], 0.0), 0.0)")
             + "def safe(clearance):\n    return -10.0 * _missing(np.asarray(clearance, float)) ** 2",
-            "reward_weights": helper.format("'taken'") + solutions["reward_weights"],
+            "goal": "from numpy import where, asarray as array\n\n\ndef goal(before, after, reached, gamma):\n"
+            "    return gamma * where(reached, 0.0, -10.0 * array(after)) + 10.0 * array(before)",
+            "reward_weights": helper.format("'taken'") + "from array import array\n\n\n" + solutions["reward_weights"],
         }
         outcomes, _ = grade_lesson(setting, cells)
     assert {one.status for one in outcomes.values()} == {"passed"}
