@@ -3,6 +3,7 @@
 import builtins
 import contextlib
 import time
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -67,8 +68,8 @@ class Setting:
 class Session:
     """A sandbox whose kernel runs."""
 
-    def __init__(self, setting: Setting, sources: dict[str, str]):
-        notebook = rebuilt(setting.master, sources)
+    def __init__(self, setting: Setting, sources: dict[str, str], lent: Collection[str] = ()):
+        notebook = rebuilt(setting.master, sources, lent)
         job = Job(setting.packages, {"notebook.ipynb": notebook}, kernels=setting.kernels, limits=setting.limits)
         self.sandbox = Sandbox(job, setting.tier)
         self.executed = b""
@@ -92,15 +93,15 @@ class Session:
         self.sandbox.close()
 
 
-def _started(setting: Setting, cells: dict[str, str]) -> Session:
+def _started(setting: Setting, cells: dict[str, str], lent: Collection[str]) -> Session:
     """A session; a second try where the first fails, before any cell of others has run.
 
     Raises:
         SandboxError: both fail.
     """
     with contextlib.suppress(SandboxError):
-        return Session(setting, cells)
-    return Session(setting, cells)
+        return Session(setting, cells, lent)
+    return Session(setting, cells, lent)
 
 
 def untouched(source: str, stub: str) -> bool:
@@ -214,22 +215,19 @@ class _Run:
 
     def _apart(self, name: str, company: dict[str, str]) -> Outcome:
         """Outcome of an exercise in a sandbox of its own, with its cell, what it calls, and company."""
-        parts, cells = {}, company | {self._cell(name): self._usable[self._cell(name)]}
-        for need in self._needs(name):
-            own = self._has_passed(need)
-            parts[need] = "student" if own else "reference"
-            lent = [] if own else [self._setting.master.solutions[need]]
-            cells[need] = "\n\n\n".join([*([self._usable[need]] if own or need in company else []), *lent])
-        with self._session(cells) as session:
+        parts = {need: "student" if self._has_passed(need) else "reference" for need in self._needs(name)}
+        lent = [need for need, whose in parts.items() if whose == "reference"]
+        own = {self._cell(name), *parts} - {*lent}
+        with self._session(company | {cell: self._usable[cell] for cell in own}, lent) as session:
             return session if isinstance(session, Outcome) else self._ask(session, name, parts)[0]
 
     @contextlib.contextmanager
-    def _session(self, cells: dict[str, str]):
+    def _session(self, cells: dict[str, str], lent: Collection[str] = ()):
         """A session, or the outcome of everybody in it where there is none."""
         session = None
         try:
             try:
-                session = _started(self._setting, cells)
+                session = _started(self._setting, cells, lent)
             except SandboxError:
                 yield Outcome(0.0, "ungraded", "sandbox_failed")
                 return

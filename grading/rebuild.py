@@ -6,6 +6,7 @@ language, parameters, tags and all other cells never reach papermill.
 
 import ast
 import json
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -126,19 +127,23 @@ def read_master(path: Path, stub) -> Master:
     return Master(tuple(order), solutions, stubs)
 
 
-def rebuilt(master: Master, sources: dict[str, str]) -> bytes:
+def rebuilt(master: Master, sources: dict[str, str], lent: Collection[str] = ()) -> bytes:
     """The notebook that papermill gets.
 
     Args:
         master: of the lesson.
         sources: cell by exercise; exercises that are missing are left out.
+        lent: exercises whose reference is given, after the cell where there is one.
     """
     texts = {"start": START}
     for k, (kind, value) in enumerate(master.order):
         if kind == "given":
             texts[f"given-{k}"] = value
-        elif value in sources:
+            continue
+        if value in sources:
             texts[f"solution-{k}"] = sources[value]
+        if value in lent:
+            texts[f"lent-{k}"] = master.solutions[value]
     texts["serve"] = SERVE
     cells = [
         {"cell_type": "code", "execution_count": None, "id": name, "metadata": {}, "outputs": [], "source": text}

@@ -189,16 +189,17 @@ def test_right_parts_whose_imports_and_helpers_stand_in_a_wrong_ones_cell_are_ri
     rubric = example_rubric(LESSON)
     with prepared(rubric, Secret(b"k" * 32, "imports"), "A", Limits()) as made:
         setting = made.setting(LESSON)
-        terms = (MUTANTS / "reward_terms" / "right_by_hand.py").read_text(encoding="utf-8")
+        terms = setting.master.solutions["reward_terms"]
         weights = setting.master.solutions["reward_weights"]
         cells = {
-            "safe": "import math\n\n\ndef safe(clearance):\n    return 0.0 * np.asarray(clearance)",
+            "safe": "import math\n\n\ndef safe(clearance):\n    return 0.0 * np.asarray(clearance)\n\n\nassert safe(0.1) < 0",
             "goal": "import os\n\n\ndef goal(*given):\n    os._exit(0)",
-            "reward_terms": terms.replace("(t):", "(t, most=math.inf):"),
+            "reward_terms": terms.replace("(t: Transition)", "(t: Transition, most=math.inf)"),
             "reward_weights": weights.replace("(preference, ", "(preference: os.PathLike, "),
         }
         outcomes, _ = grade_lesson(setting, cells)
-    assert cells["reward_weights"] != weights
+    assert terms != cells["reward_terms"]
+    assert weights != cells["reward_weights"]
     found = {name: (one.status, one.reason) for name, one in outcomes.items()}
     assert found == {
         "safe": ("failed", "close_costs_the_square"),

@@ -263,7 +263,7 @@ def test_a_submission_that_the_grader_cannot_follow_ends_nobody_elses_grading_on
 def test_a_part_that_ends_the_sandbox_is_tried_once_more_also_where_it_is_the_only_one(monkeypatch):
     endings = [Outcome(0.0, "timeout", "took_too_long"), Outcome(1.0, "passed")]
     session = contextlib.nullcontext(object())
-    monkeypatch.setattr(_Run, "_session", lambda self, cells: session)
+    monkeypatch.setattr(_Run, "_session", lambda self, cells, lent=(): session)
     monkeypatch.setattr(_Run, "_ask", lambda self, *given: (one := endings.pop(0), one.status != "passed"))
     lesson = load_rubric().lessons["09_rollout_and_gae"]
     run = _Run(SimpleNamespace(lesson=lesson), {"gae": ""}, outcomes := {})
