@@ -259,7 +259,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"error: {' '.join(message.split())}", file=sys.stderr)
         return 2
     except OSError as error:  # a full disk for temporary files; a path would tell a name
-        print(f"error: this machine refuses: {error.strerror or type(error).__name__}", file=sys.stderr)
+        print(f"error: this machine refuses: {error.strerror or 'a file cannot be copied'}", file=sys.stderr)
         return 2
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED

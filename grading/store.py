@@ -77,8 +77,10 @@ def locked(out: Path):
     with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+        except BlockingIOError:
             raise UnusableInput(f"{out}: another grader works in this folder") from None
+        except OSError as error:  # some network disks
+            raise UnusableInput(f"{out}: cannot be locked: {error.strerror}; name a folder on this machine") from None
         for leftover in [*out.glob(".*.tmp"), *(out / "results").glob(".*.tmp")]:
             leftover.unlink()
         yield

@@ -2,6 +2,8 @@
 
 import collections
 import contextlib
+import errno
+import fcntl
 import os
 import signal
 import subprocess
@@ -179,6 +181,15 @@ def test_a_watchdog_that_cannot_see_kills():
 
 def test_two_graders_in_one_folder_are_one_too_many(tmp_path):
     with locked(tmp_path), pytest.raises(UnusableInput, match="another grader"), locked(tmp_path):
+        pass
+
+
+def test_a_disk_that_knows_no_locks_is_not_taken_for_another_grader(tmp_path, monkeypatch):
+    def refused(file, how):
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(fcntl, "flock", refused)
+    with pytest.raises(UnusableInput, match="cannot be locked: No locks available"), locked(tmp_path):
         pass
 
 
