@@ -192,7 +192,7 @@ def test_right_parts_whose_imports_and_helpers_stand_in_a_wrong_ones_cell_are_ri
         terms = setting.master.solutions["reward_terms"]
         weights = setting.master.solutions["reward_weights"]
         cells = {
-            "safe": "import math\n\n\ndef safe(clearance):\n    return 0.0 * np.asarray(clearance)\n\n\nassert safe(0.1) < 0",
+            "safe": "import math\n\n\ndef safe(clearance):\n    return 0.0 * clearance\n\n\nassert safe(0.1) < 0",
             "goal": "import os\n\n\ndef goal(*given):\n    os._exit(0)",
             "reward_terms": terms.replace("(t: Transition)", "(t: Transition, most=math.inf)"),
             "reward_weights": weights.replace("(preference, ", "(preference: os.PathLike, "),
