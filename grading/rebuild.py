@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 MOST_NOTEBOOK = 20 * 1024 * 1024
+MOST_PARTS = 1_000_000  # lists and dicts in it, of 60 bytes and more each in memory
 MOST_SOURCE = 50_000  # ten times any solution; Python's parser takes the square of it for some texts
 MOST_CELLS = 5_000
 KERNEL = {
@@ -66,7 +67,7 @@ def cells_in(content: bytes) -> list[dict]:
     Raises:
         Unreadable: `too_large`, `not_a_notebook`.
     """
-    if len(content) > MOST_NOTEBOOK:
+    if len(content) > MOST_NOTEBOOK or content.count(b"[") + content.count(b"{") > MOST_PARTS:
         raise Unreadable("too_large")
     try:
         found = json.loads(content.decode("utf-8-sig"))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from dualnav_lite.config import UnusableInput
 
+CONDA = "envs/*/lib/python3*/*-packages"  # other environments, which lie below the base interpreter's folder
 DEVICES = ["/dev/null", "/dev/zero", "/dev/urandom", "/dev/random"]
 
 
@@ -26,7 +27,7 @@ def hidden_copies() -> list[str]:
     """Installed copies of the kit, of this interpreter or another one that is seen; they hold what is asked."""
     folders = {Path(sysconfig.get_path("purelib")), Path(sysconfig.get_path("platlib"))}
     for root in system_folders():
-        for pattern in ("lib*/python3*/*-packages", "local/lib*/python3*/*-packages", "python3*/*-packages"):
+        for pattern in ("lib*/python3*/*-packages", "local/lib*/python3*/*-packages", "python3*/*-packages", CONDA):
             folders.update(Path(root).glob(pattern))
     found = {str(folder.resolve() / name) for folder in folders for name in ("dualnav_lite", "grading")}
     return sorted(path for path in found if os.path.isdir(path))

@@ -21,7 +21,7 @@ from grading.feedback import reasons as reason_texts
 from grading.intake import Changed, take_in
 from grading.masking import masked, masked_copy
 from grading.probe import leaks, probe
-from grading.rebuild import read_master, rebuilt, solution_cells
+from grading.rebuild import Unreadable, cells_in, read_master, rebuilt, solution_cells
 from grading.room import NOTEBOOKS, PACKAGE
 from grading.rubric import load_rubric
 from grading.secret import Secret, load_secret, make_key
@@ -144,6 +144,12 @@ def test_a_notebook_gives_nothing_but_the_source_of_its_solution_cells():
     text = rebuilt(master, cells)
     assert b"mine" in text
     assert not any(word in text for word in (b"evil", b"points", b"not asked", b"parameters"))
+
+
+@pytest.mark.parametrize("part", [b"[],", b'{"":0},', b"[[]],"])
+def test_a_notebook_that_unfolds_in_memory_is_too_large(part):
+    with pytest.raises(Unreadable, match="too_large"):
+        cells_in(b'{"cells":[' + part * 2_000_000 + b"{}]}")
 
 
 @pytest.mark.parametrize("twice", ["safe", "half"])
