@@ -246,7 +246,9 @@ def main(arguments):
         if command == "warm":
             say("the kernels are compiled")
             return 0
-    if command == "lab" and "--student" in options:
+    if command == "lab" and "--help" in options and not is_students_version():
+        say("--student opens the lessons with stubs, in course/; the other options are JupyterLab's:")
+    elif command == "lab" and "--student" in options:
         release = [python, "-m", "dualnav_lite", "release", "course", "--lessons-only"]
         run(release, "the student version could not be written", cwd=ROOT, env=variables)
     line, folder = command_line(python, command, options)

@@ -11,7 +11,7 @@ import pytest
 
 from dualnav_lite.check import LESSONS, NotYet, check, judge, reference, set_language
 from dualnav_lite.check import _module as module_of
-from dualnav_lite.check.verdict import Text, Wrong, call, expect, hold, is_close, language_of, shown
+from dualnav_lite.check.verdict import Text, Wrong, against, call, expect, hold, is_close, language_of, shown
 from dualnav_lite.config import ROOT, UnusableInput
 
 MUTANTS = Path(__file__).parent / "mutants"
@@ -40,6 +40,17 @@ def test_a_usual_mistake_gets_its_hint_and_another_right_solution_passes(path):
     hint = re.fullmatch(r"# hint: (.+)", line)[1]
     assert wrong is not None, "a wrong solution passed"
     assert hint in "\n".join(wrong.lines("en")), wrong.lines("en")
+
+
+def test_a_loop_that_drives_on_is_told_so_in_both_languages():
+    def endless(env, choose, seed):
+        observation, info = env.reset(seed=seed)
+        while True:
+            observation, _, _, _, info = env.step(choose(observation, info))
+
+    wrong = judge("closed_loop", endless)
+    assert "  got: a step after the end of the episode" in wrong.lines("en")
+    assert any(line.endswith("回合结束后又走了一步") for line in wrong.lines("zh"))
 
 
 def test_an_image_of_float64_is_told_to_become_float32():
@@ -206,6 +217,20 @@ def test_expect_prefers_the_hint_that_fits_the_answer():
 )
 def test_answers_are_compared_by_kind_shape_and_number(got, expected, same):
     assert is_close(got, expected) is same
+
+
+def test_an_image_that_is_too_large_to_print_says_where_it_is_wrong():
+    def shifted(image, pose_sent, pose_now):
+        return np.roll(image, 1, axis=1)
+
+    wrong = judge("cache", shifted)
+    en, zh = ("".join(wrong.lines(language)) for language in ("en", "zh"))
+    assert re.search(r"; 4096 of 4096 numbers are wrong, first \[0, 0\]: 0\.\d+, not 0\.\d+", en)
+    assert re.search(r"4096 个数中有 4096 个不对.+ \[0, 0\].+ 0\.\d+.+ 0\.\d+", zh)
+    right = np.zeros((64, 64))
+    assert against(right, right) == shown(right)
+    assert against([1.0, 2.0], [1.0, 3.0]) == "[1., 2.]"
+    assert against("a word", right) == "a word"
 
 
 def test_values_are_shown_in_few_characters():

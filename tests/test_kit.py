@@ -195,6 +195,15 @@ def test_an_environment_that_lacks_something_is_left_alone(kit, monkeypatch):
     assert used == [kit.own_environment(), sys.executable]
 
 
+def test_lab_explains_its_own_option_before_jupyter_s(kit, tmp_path, monkeypatch, capsys):
+    (tmp_path / "notebooks" / "src").mkdir(parents=True)
+    monkeypatch.setattr(kit, "own_environment", lambda: "python")
+    monkeypatch.setattr(kit, "unmet", list)
+    monkeypatch.setattr(kit, "hand_over", lambda line, folder, variables: line)
+    assert kit.main(["lab", "--student", "--help"])[-1] == "--help"
+    assert "--student opens the lessons with stubs" in capsys.readouterr().err
+
+
 def test_slow_tests_run_only_when_asked_for(kit):
     assert kit.command_line("python", "test", [])[0] == ["python", "-m", "pytest"]
     assert kit.command_line("python", "test", ["--slow", "-x"])[0] == ["python", "-m", "pytest", "-m", "", "-x"]

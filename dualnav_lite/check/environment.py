@@ -31,7 +31,7 @@ class Diary(gymnasium.Env):
     def step(self, action):
         """The next number; reward 1, 2, 3, ...; `RuntimeError` after the end."""
         if len(self.actions) >= self.length:
-            raise RuntimeError("a step after the end of the episode")
+            raise RuntimeError(AFTER.en)
         self.actions.append(float(np.asarray(action).reshape(-1)[0]))
         count = len(self.actions)
         is_last = count == self.length
@@ -43,6 +43,7 @@ def _follow(observation, info):
     return np.array([observation[0] + 10.0 * info["number"]])
 
 
+AFTER = Text("a step after the end of the episode", "回合结束后又走了一步")
 FIVE = Text(
     "Gymnasium gives five values a step: observation, reward, terminated, truncated, info",
     "Gymnasium 每步返回五个值：observation、reward、terminated、truncated、info",
@@ -66,7 +67,7 @@ def _looped(mine, claim, length, how):
         except NotImplementedError:  # a RuntimeError too, but the stub's own: `call` tells what it means
             raise
         except RuntimeError as error:
-            hold(claim, False, episode, "", str(error), STOP)
+            hold(claim, False, episode, "", AFTER if str(error) == AFTER.en else str(error), STOP)
         except (ValueError, TypeError, IndexError) as error:
             text = str(error)
             is_pair = any(word in text for word in ("index", "indices", "unpack"))

@@ -17,6 +17,7 @@ from dualnav_lite.config import UnusableInput, write_atomic
 LANGUAGES = ("en", "zh")
 KEPT = ".language"  # file of the folder with the lessons
 CLOSE = 1e-6
+PRINTED = 24  # numbers, at most, of an array that is printed whole
 
 
 class Text(NamedTuple):
@@ -118,7 +119,7 @@ def shown(value: Any) -> str:
         return "(" + ", ".join(map(shown, value)) + ")"
     try:
         array = np.asarray(value)
-        if array.size > 24:
+        if array.size > PRINTED:
             return f"array {array.shape}, {float(array.min()):.4g} to {float(array.max()):.4g}"
         return " ".join(np.array2string(array, precision=4, suppress_small=True, separator=", ").split())
     except (TypeError, ValueError):
@@ -140,6 +141,26 @@ def is_close(got: Any, expected: Any, close: float = CLOSE) -> bool:
     except (TypeError, ValueError):
         return False
     return got.shape == expected.shape and np.allclose(got, expected, rtol=close, atol=close, equal_nan=False)
+
+
+def against(got: Any, expected: Any, close: float = CLOSE) -> str | Text:
+    """An answer in few characters; of one too large to print, also how many numbers are wrong and the first of them."""
+    text = shown(got)
+    try:
+        got, expected = np.asarray(plain(got), float), np.asarray(plain(expected), float)
+    except (TypeError, ValueError):
+        return text
+    if got.size <= PRINTED or got.shape != expected.shape:
+        return text
+    wrong = np.argwhere(~np.isclose(got, expected, rtol=close, atol=close))
+    if not len(wrong):
+        return text
+    place = tuple(int(k) for k in wrong[0])
+    mine, right = shown(got[place]), shown(expected[place])
+    return Text(
+        f"{text}; {len(wrong)} of {got.size} numbers are wrong, first {list(place)}: {mine}, not {right}",
+        f"{text}；{got.size} 个数中有 {len(wrong)} 个不对，第一个在 {list(place)}：得到 {mine}，应为 {right}",
+    )
 
 
 def verdict_on(error: Exception, claim: Text, given: str, expected: Any, hint: Text | None = None) -> Exception:
@@ -195,11 +216,12 @@ def expect(
     hint = next((text for value, text in usual if is_close(got, value, close)), None)
     if hint is None and np.shape(plain(got)) != np.shape(plain(expected)):
         hint = SHAPE
-    raise Wrong(claim, shown(given), shown(expected), shown(got), hint)
+    raise Wrong(claim, shown(given), shown(expected), against(got, expected, close), hint)
 
 
 def hold(claim: Text, is_so: bool, given="", expected="", got="", hint: Text | None = None) -> None:
     """Raise `Wrong` unless the property holds; for properties that are no single value."""
     if not is_so:
-        given, expected, got = (one if isinstance(one, Text | str) else shown(one) for one in (given, expected, got))
-        raise Wrong(claim, given, expected, got, hint)
+        answer = got if isinstance(got, Text | str) else against(got, expected)
+        given, expected = (one if isinstance(one, Text | str) else shown(one) for one in (given, expected))
+        raise Wrong(claim, given, expected, answer, hint)
