@@ -343,7 +343,7 @@ def test_a_full_disk_ends_in_one_line_and_leaves_no_half_file(tmp_path, monkeypa
 
 def test_what_the_machine_refuses_is_one_line(monkeypatch, capsys):
     def full(*given, **more):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "/tmp/anna")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "anna")
 
     monkeypatch.setattr(tempfile, "mkdtemp", full)
     assert main(["example"]) == 2
