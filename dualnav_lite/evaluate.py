@@ -125,10 +125,11 @@ def library_arm(arm_id: str, config: Config):
     """
     base, mark, folder = arm_id.partition(PARTS_MARK)
     if mark:
-        from dualnav_lite.parts import fingerprint_of, load_parts
+        from dualnav_lite.check import lesson_of
+        from dualnav_lite.parts import IN_WORLDS, fingerprint_of, load_parts
 
         driver = library_arm(base, config)
-        driver.parts = load_parts(folder)
+        driver.parts = load_parts(folder, [lesson_of(exercise) for exercise in IN_WORLDS])
         driver.fingerprint = sha256(getattr(driver, "fingerprint", "") + fingerprint_of(folder))
         return driver
     if arm_id.partition("@")[0] in ARMS:

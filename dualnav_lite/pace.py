@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dualnav_lite.cases import all_cases, load_case
+from dualnav_lite.chunks import arm_name
 from dualnav_lite.config import Config
 from dualnav_lite.env import split_infos
 from dualnav_lite.evaluate import library_arm, library_env
@@ -78,5 +79,5 @@ def estimate(plan: "Plan", pace: Mapping[str, float]) -> str:
     workers, share = ("the cluster", 1) if plan.cluster else (f"{plan.jobs} processes", plan.jobs)
     return (
         f"{len(pace)} arms: about {duration(AROUND_S + total / share)} on {workers}, less what is already there "
-        f"({total / 3600:.1f} hours of processor time; {dearest} {alone[dearest] / max(total, 1e-9):.0%})"
+        f"({total / 3600:.1f} hours of processor time; {arm_name(dearest)} {alone[dearest] / max(total, 1e-9):.0%})"
     )

@@ -19,6 +19,7 @@ from dualnav_lite.notebooks import opened
 
 SUMMARY = "parts.json"
 POLICY = "ppo_actor.onnx"  # what lesson 11 exports into `weights/`
+IN_WORLDS = ("encode_state", "reward_terms")  # the parts that a world can be made with
 STAND_IN_IMPORT = "from dualnav_lite.check import reference"
 STAND_IN = '{id} = reference("{id}")  # the library\'s, for the functions that call it'
 STATES = {
@@ -186,23 +187,25 @@ def export_parts(notebooks: str | Path, out: str | Path) -> dict[str, Part]:
     return found
 
 
-def load_parts(folder: str | Path) -> dict[str, Callable]:
-    """The student's functions that an export holds and that pass here too, by exercise.
+def load_parts(folder: str | Path, lessons: Sequence[str] = tuple(LESSONS)) -> dict[str, Callable]:
+    """The student's functions that an export holds and that pass here too, by exercise; maybe none.
+
+    Args:
+        folder: made by `export_parts`.
+        lessons: to look into; every function of theirs is checked, which takes ten seconds for all of them.
 
     Raises:
-        UnusableInput: the folder is no export, or none of its functions passes.
+        UnusableInput: the folder is no export.
     """
     if not (Path(folder) / SUMMARY).exists():
         raise UnusableInput(f"{folder}: no {SUMMARY}; make the folder by `python kit.py status --export FOLDER`")
     summary = _read_summary(Path(folder) / SUMMARY)
     found: dict[str, Callable] = {}
-    for lesson in LESSONS:
+    for lesson in lessons:
         path = Path(folder) / f"{lesson}.py"
         if path.exists():
             parts = lesson_parts(lesson, [("", path.read_text(encoding="utf-8"))])
             found |= {name: one.function for name, one in parts.items() if one.is_yours and name in summary}
-    if not found:
-        raise UnusableInput(f"{folder}: none of its parts passes its check")
     return found
 
 
@@ -234,6 +237,7 @@ def arms_with_parts(folder: str | Path, arms: Sequence[str] = ()) -> list[str]:
     if has_lessons(folder):
         export_parts(folder, folder / "parts")
         folder = folder / "parts"
-    load_parts(folder)  # a folder that is none ends here, not in a notebook
+    if not load_parts(folder):  # here, not in a notebook
+        raise UnusableInput(f"{folder}: none of its parts passes its check")
     policy = folder / POLICY
     return [f"{arm}{PARTS_MARK}{folder}" for arm in arms or [str(policy) if policy.exists() else "ppo"]]

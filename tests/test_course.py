@@ -135,6 +135,9 @@ def test_an_arm_drives_in_worlds_with_the_students_parts(tmp_path):
     assert library_arm(arm, Config()).fingerprint != getattr(library_arm("stand_still", Config()), "fingerprint", "")
     with pytest.raises(UnusableInput, match=r"parts\.json"):
         parts.arms_with_parts(tmp_path / "out", ["stand_still"])
+    course.write_lessons(tmp_path / "untouched")
+    with pytest.raises(UnusableInput, match="none of its parts passes"):
+        parts.arms_with_parts(tmp_path / "untouched", ["stand_still"])
 
 
 def test_a_status_exports_what_is_yours_and_takes_the_folder_that_a_student_works_in(tmp_path, monkeypatch, capsys):

@@ -277,3 +277,5 @@ def test_an_estimate_names_hours_and_the_dearest_arm_before_anything_runs(tmp_pa
     # 8 short scenarios x 1000 x 150 steps: 120 s and 3600 s; 108,000 steps of the long one: 10.8 s.
     assert line.startswith("2 arms: about 32 minutes on 2 processes")
     assert "1.0 hours of processor time; cv_sampling 96%" in line
+    own = "/course/parts/ppo_actor.onnx::/course/parts"
+    assert "; ppo_actor + own parts 100%)" in estimate(a_plan(tmp_path, arms=[own], long_arms=[]), {own: 1e-4})
