@@ -17,7 +17,15 @@ from dualnav_lite import rewards, streams
 from dualnav_lite.config import Config, UnusableInput
 from dualnav_lite.env import OneWorld
 from dualnav_lite.geometry import to_robot, wrap_angle
-from dualnav_lite.highway.cars import CarTransition, car_terms, gaps, predicted_intrusion, step_energy, time_gap
+from dualnav_lite.highway.cars import (
+    CarTransition,
+    car_terms,
+    gaps,
+    kinetic_energy,
+    predicted_intrusion,
+    step_energy,
+    time_gap,
+)
 from dualnav_lite.highway.tasks import HALF, TASKS
 from dualnav_lite.interface import checked_actions, checked_reset, last_observations, restarted_infos
 from dualnav_lite.journal import Journal, outcome_of_contact
@@ -130,9 +138,11 @@ class HighwayVectorEnv(gymnasium.vector.VectorEnv):
         motions = to_robot(np.reshape([one.velocity - car.velocity for one in others], (-1, 2)), turned)
         self._ways[world] = task.way()
         energy = step_energy(speed, car.speed, DT_S)
+        kept = task.usual_speed if reached or touched != Surface.NOTHING else car.speed
         transition = CarTransition(
             clearance, task.safe_m, time_gap(places, car.speed), predicted_intrusion(places, motions, task.safe_m),
-            energy, step_energy(task.usual_speed, task.usual_speed, DT_S), task.energy_scale, way, self._ways[world],
+            energy - kinetic_energy(kept) + kinetic_energy(speed),
+            step_energy(task.usual_speed, task.usual_speed, DT_S), task.energy_scale, way, self._ways[world],
             task.way_scale, reached, touched != Surface.NOTHING,
         )  # fmt: skip
         terms = car_terms(transition)

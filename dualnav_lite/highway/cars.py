@@ -46,7 +46,12 @@ def step_energy(speed_before: float, speed_after: float, dt: float) -> float:
     """Joules of a step of evenly changing speed: idle, rolling, drag, acceleration; braking gives nothing back."""
     middle = 0.5 * abs(speed_before + speed_after)
     resistance = (ROLLING_N + DRAG_KG_M * middle**2) * middle * dt
-    return IDLE_W * dt + max(0.0, resistance + 0.5 * MASS_KG * (speed_after**2 - speed_before**2))
+    return IDLE_W * dt + max(0.0, resistance + kinetic_energy(speed_after) - kinetic_energy(speed_before))
+
+
+def kinetic_energy(speed: float) -> float:
+    """Joules that a speed [m/s] holds."""
+    return 0.5 * MASS_KG * speed**2
 
 
 def predicted_intrusion(positions, velocities, margin_m: float) -> float:
@@ -89,7 +94,8 @@ class CarTransition:
         clearance: least gap to another body or a wall [m]; safe_m: below it r_safe begins.
         time_gap: see `time_gap` [s].
         intrusion: `predicted_intrusion`.
-        energy_j, reference_j: drawn in this step; in a step at the task's usual speed.
+        lost_j: joules drawn in this step less what the speed gained; at a run's end the usual speed's are not lost.
+        reference_j: drawn in a step at the task's usual speed.
         energy_scale: what a step at the usual speed costs.
         way_before, way_after: to the goal [m]; way_scale: metres of it that are worth one of the robot's.
         reached, collided: how the step ended the run, if it did.
@@ -99,7 +105,7 @@ class CarTransition:
     safe_m: float
     time_gap: float
     intrusion: float
-    energy_j: float
+    lost_j: float
     reference_j: float
     energy_scale: float
     way_before: float
@@ -124,8 +130,12 @@ def car_safe(clearance, time_gap, safe_m: float) -> float:
 def car_terms(t: CarTransition) -> dict[str, float]:
     """The five terms of a step, before any weight, in the order of `rewards.TERMS` and in the robot's ranges.
 
-    safe: `car_safe`; dynamic: minus the predicted intrusion; energy: joules over those of the usual speed; goal: metres
-    of way gained, so a way back costs what the way forth paid; terminal: arrival and contact.
+    safe: `car_safe`; dynamic: minus the predicted intrusion; energy: joules lost over those of the usual speed; goal:
+    metres of way gained, so a way back costs what the way forth paid; terminal: arrival and contact.
+
+    Joules are charged when they are lost (idling, rolling, drag, brakes), not when drawn: over a run the sum is
+    the same but for a constant, and speeding up does not cost at once what it earns later. Charged when drawn, thrifty
+    drivers of traffic let their car roll until the time was up.
 
     The goal term is not discounted, as the robot's is not (`rewards.shaping`): otherwise 0 of 50 cars arrived after
     60,000 steps of parking.
@@ -133,7 +143,7 @@ def car_terms(t: CarTransition) -> dict[str, float]:
     return {
         "safe": car_safe(t.clearance, t.time_gap, t.safe_m),
         "dynamic": -t.intrusion,
-        "energy": -t.energy_scale * t.energy_j / t.reference_j,
+        "energy": -t.energy_scale * t.lost_j / t.reference_j,
         "goal": float(shaping(t.way_before, t.way_after, t.reached, 1.0, lambda way: -GOAL_SCALE * way / t.way_scale)),
         "terminal": FAILED if t.collided else REACHED if t.reached else 0.0,
     }
