@@ -76,6 +76,16 @@ def test_no_text_lies_over_another_in_a_figure_of_the_published_tables(name, lan
     assert_tidy(lambda words: RESULTS[name][1](words, read), language)
 
 
+def test_points_beyond_the_reference_point_are_counted_and_do_not_flatten_the_rest():
+    energies = (9000, 1200, 500, 400)
+    rows = [("crowd_crossing", "astar", k / 3, 0.1 * k, energy, False) for k, energy in enumerate(energies)]
+    columns = ["scenario", "arm", "preference", "safe_dist_m", "energy_j_per_goal", "pareto_optimal"]
+    table = pd.DataFrame(rows, columns=columns)
+    (axes,) = RESULTS["fronts"][1](Words("en"), lambda name: table).axes
+    assert axes.get_ylim()[1] == 1000.0
+    assert [text.get_text() for text in axes.texts] == ["2 points lie above, beyond the reference point"]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("language", ["en", pytest.param("zh", marks=needs_chinese_font)])
 @pytest.mark.parametrize("name", sorted(set(figures.all_figures()) - set(QUICK)))

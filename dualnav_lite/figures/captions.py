@@ -13,9 +13,10 @@ CAPTIONS = {
     ),
     "fronts": (
         "Safety against energy, a panel a scenario. Each line is one arm over its preferences (policies) or the scaled top speed "
-        "(planners); to the right is safer, down is thriftier. Filled: on the front of all arms of the scenario.",
+        "(planners); to the right is safer, down is thriftier. Filled: on the front of all arms of the scenario. Points that spend "
+        "more than the reference point of the hypervolume count nothing and are left out.",
         "各场景中的安全与能耗。每条线为一个方案在不同偏好（策略）或不同最高速度（规划器）下的结果；向右更安全，向下更节能。"
-        "实心：位于该场景所有方案的联合前沿上。",
+        "实心：位于该场景所有方案的联合前沿上。能耗高于超体积参考点的点不计入，图中略去。",
     ),
     "runs": (
         "The article's view (5.1): each run that arrived is a point; large points are dominated by no other run of their arm in "

@@ -116,6 +116,7 @@ CHINESE = {
     "mean least gap to another car [m]": "与其他车辆的平均最小间隙 [m]",
     "energy of a journey [kJ]": "每次行程能耗 [kJ]",
     "{n} robots": "{n} 台机器人",
+    "{n} points lie above, beyond the reference point": "另有 {n} 个点在上方，超出参考点",
     "weight of the cross-agent term": "跨智能体项的权重",
     "robots that arrived, 95 % interval [%]": "机器人到达率与 95 % 区间 [%]",
     "off the predicted way [m]": "与预测轨迹的偏差 [m]",

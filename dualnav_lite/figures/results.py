@@ -18,6 +18,7 @@ from dualnav_lite.figures.beyond import BEYOND
 from dualnav_lite.figures.captions import caption_lines
 from dualnav_lite.figures.sheet import COLOURS, MARKERS, QUIET, SMALL, Read, Sheet, Words
 from dualnav_lite.judge import PUBLISHED, REFERENCE, bounds
+from dualnav_lite.pareto import reference_point
 from dualnav_lite.scenario import load_scenario
 
 ARM_LOOK = {"ppo": 0, "ppo_filter": 1, "cv_sampling": 2, "orca": 3, "astar": 4, "rrtstar": 5, "ceiling": 6, "dwa": 7}
@@ -85,7 +86,7 @@ def fronts(words: Words, read: Read) -> Figure:
     names = list(dict.fromkeys(table.scenario))
     columns = min(2, len(names))
     rows = -(-len(names) // columns)
-    sheet = Sheet(6.3 * columns + 0.5, 4.6 * rows + 1.0)
+    sheet = Sheet(6.3 * columns + 0.5, 4.6 * rows + 0.7)
     arms = list(dict.fromkeys(table.arm))
     for k, name in enumerate(names):
         axes = sheet.axes(0.95 + 6.3 * (k % columns), 0.5 + 4.6 * (k // columns), 5.2, 3.3)
@@ -101,6 +102,13 @@ def fronts(words: Words, read: Read) -> Figure:
                 )  # fmt: skip
         axes.set_title(words.title(load_scenario(name)), loc="left")
         axes.set(xlabel=words("mean least clearance [m]"), ylabel=words("energy a goal [J]"))
+        dearest = reference_point(name)[1]
+        energies = table.energy_j_per_goal[table.scenario == name]
+        if (beyond := int((energies > dearest).sum())) and beyond < len(energies):
+            least = energies.min()
+            axes.set_ylim(least - 0.05 * (dearest - least), dearest)
+            note = words("{n} points lie above, beyond the reference point").format(n=beyond)
+            axes.text(0.98, 0.96, note, transform=axes.transAxes, ha="right", va="top", fontsize=SMALL, color=QUIET)
         axes.locator_params(nbins=6)
         axes.grid(True)
     keys = [Line2D([], [], color=look(a, arms)[0], marker=look(a, arms)[1], markersize=7, label=a) for a in arms]
