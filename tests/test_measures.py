@@ -17,6 +17,7 @@ from dualnav_lite.figures.captions import CAPTIONS
 from dualnav_lite.figures.questions import METHODS
 from dualnav_lite.figures.results import RESULTS, make_result_figures
 from dualnav_lite.judge import made_from, published_rows
+from dualnav_lite.measures import failures
 from dualnav_lite.measures.adversary import PERTURBATIONS, Perturbed, search
 from dualnav_lite.measures.failures import FAILURE_COLUMNS, SETTINGS, failure_search
 from dualnav_lite.measures.intervention import COLUMNS as INTERVENTION_COLUMNS
@@ -27,6 +28,7 @@ from dualnav_lite.measures.perturb import FRONT_COLUMNS
 from dualnav_lite.measures.sweep import VALUES, knob
 from dualnav_lite.measures.tables import MEASURES, Options, run
 from dualnav_lite.publish import blocks, publish
+from dualnav_lite.scenario import load_scenario
 from dualnav_lite.survival import survived
 
 TUNING = SEEDS["tuning"].start
@@ -117,6 +119,25 @@ def test_failures_are_searched_and_run_again_on_fresh_seeds(tmp_path):
     assert (table.exact_low <= table.fresh_survival_rate).all()
     with pytest.raises(UnusableInput, match=f"no settings of 'low_light' are searched; known: {', '.join(SETTINGS)}"):
         failure_search(options(tmp_path, arms=["straight"], scenarios=["low_light"]))
+
+
+def test_settings_that_a_fresh_room_cannot_hold_give_way_to_the_next_worst(tmp_path, monkeypatch):
+    refused = []
+
+    def episodes_of(folder, scenario, arm, first, count):
+        rows = real(folder, scenario, arm, first, count)
+        if first == failures.FRESH_SEED and scenario != load_scenario("crowd_crossing") and len(refused) < 2:
+            refused.append(scenario)
+            raise UnusableInput("no layout fits")
+        return rows
+
+    real = failures.episodes_of
+    monkeypatch.setattr(failures, "episodes_of", episodes_of)
+    monkeypatch.setattr(failures, "EACH", 2)
+    row = failures.failures_found(tmp_path, "crowd_crossing", "straight", "random", 8).iloc[0]
+    assert len(refused) == 2
+    assert not any(f"crowd.speed_m_s {one.crowd.speed_m_s:.3g};" in row.worst_settings for one in refused)
+    assert row.fresh_episodes == 8
 
 
 def test_commands_are_searched_driven_and_the_gain_has_an_interval(tmp_path, monkeypatch):

@@ -1,5 +1,6 @@
 """Scenario settings in which the policy fails, searched by evolution and by chance, and run again on fresh seeds."""
 
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -57,8 +58,12 @@ def failures_found(folder: Path, name: str, arm: str, method: str, budget: int) 
     search(loss, list(SETTINGS[name].values()), max(1, budget // EACH), 0, method)
     if not tried:
         raise UnusableInput(f"{name}: in {budget} episodes {method} search met no settings that can be")
-    worst = max(tried, key=lambda one: one[:2])
-    again = int((~survived(episodes_of(folder, worst[2], arm, FRESH_SEED, fresh))).sum())
+    for worst in sorted(tried, key=lambda one: one[:2], reverse=True):
+        with suppress(UnusableInput):  # a room of a fresh seed cannot hold them: the next worst
+            again = int((~survived(episodes_of(folder, worst[2], arm, FRESH_SEED, fresh))).sum())
+            break
+    else:
+        raise UnusableInput(f"{name}: {method} search met no settings that every fresh seed has a room for")
     failures, episodes = sum(one[0] for one in tried), EACH * len(tried)
     described = "; ".join(f"{key} {value:.3g}" for key, value in zip(keys, worst[3], strict=True))
     found = [failures, failures / episodes, described, worst[0] / EACH]
@@ -79,7 +84,8 @@ def failures_found(folder: Path, name: str, arm: str, method: str, budget: int) 
 def failure_search(options: Options) -> pd.DataFrame:
     """`failure_search.csv`: how many failures each method finds in the same number of episodes, and whether they stay.
 
-    The settings with the most failures are run again on fresh seeds, and so is the scenario as it is.
+    The settings with the most failures are run again on fresh seeds, and so is the scenario as it is; where a fresh
+    seed has no room that holds them, the next worst settings are.
     """
     arm, budget = options.arm, options.episodes or BUDGET
     folder, tasks = options.out / "failures", {}
