@@ -5,8 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-from dualnav_lite.figures.sheet import COLOURS, MARKERS, SMALL, Read, Sheet, Words
+from dualnav_lite.figures.sheet import COLOURS, MARKERS, QUIET, SMALL, Read, Sheet, Words
 
 
 def _bars(axes, x, middle, low, high, **style) -> None:
@@ -17,31 +18,31 @@ def _bars(axes, x, middle, low, high, **style) -> None:
 
 
 def traffic(words: Words, read: Read) -> Figure:
-    """Energy of a journey over the least gap, a line a training through its preferences, beside a planner."""
+    """Energy of a journey over the least gap: colour a training, marker a preference; a planner beside them."""
     table = read("traffic")
     sheet = Sheet(9.0, 5.0)
     axes = sheet.axes(1.0, 0.4, 5.2, 3.7)
+    taught = table[table.training_seed.notna()]
+    marker = dict(zip(sorted(taught.preference.unique()), MARKERS, strict=False))
+    keys = []
     for k, ((arm, seed), points) in enumerate(table.groupby(["arm", "training_seed"], dropna=False, sort=False)):
         points, colour = points.sort_values("preference"), COLOURS[k % 4]
+        axes.plot(points.safe_dist_m, points.energy_kj, color=colour)
+        for row in points.itertuples():
+            across = [[row.safe_dist_m - row.safe_low], [row.safe_high - row.safe_dist_m]]
+            up = [[row.energy_kj - row.energy_low], [row.energy_high - row.energy_kj]]
+            shape = "X" if pd.isna(seed) else marker[row.preference]
+            axes.errorbar(
+                row.safe_dist_m, row.energy_kj, up, across, color=colour, marker=shape, capsize=3, markersize=8
+            )
         label = arm if pd.isna(seed) else words.row(arm, f"{words('training seed')} {int(seed)}")
-        across = np.stack([points.safe_dist_m - points.safe_low, points.safe_high - points.safe_dist_m])
-        up = np.stack([points.energy_kj - points.energy_low, points.energy_high - points.energy_kj])
-        axes.errorbar(
-            points.safe_dist_m,
-            points.energy_kj,
-            up,
-            across,
-            color=colour,
-            marker=MARKERS[k % 4],
-            capsize=3,
-            label=label,
-        )
-        for row in points.itertuples() if len(points) > 1 else ():
-            place = (row.safe_dist_m, row.energy_kj)
-            axes.annotate(f"p = {row.preference:g}", place, (6, 6), textcoords="offset points", fontsize=SMALL)
+        keys.append(Line2D([], [], color=colour, marker="X" if pd.isna(seed) else None, markersize=8, label=label))
+    for preference, shape in marker.items():
+        label = f"{words('preference')} {preference:g}"
+        keys.append(Line2D([], [], color=QUIET, marker=shape, linestyle="", markersize=8, label=label))
     axes.set(xlabel=words("mean least gap to another car [m]"), ylabel=words("energy of a journey [kJ]"))
     axes.grid(True)
-    axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), fontsize=SMALL)
+    axes.legend(handles=keys, loc="upper left", bbox_to_anchor=(1.02, 1.0), fontsize=SMALL)
     return sheet.figure
 
 

@@ -62,8 +62,8 @@ CAPTIONS = {
     ),
     "traffic": (
         "Traffic of highway-env: energy of a journey of 300 m over the least gap to another car, means with 95 % intervals. "
-        "A line is one training; p is the preference, 0 all safety, 1 all thrift. The planner keeps lane and distance.",
-        "highway-env 交通场景：300 m 行程的能耗，对照与其他车辆的最小间隙（均值与 95 % 区间）。每条线为一次训练；p 为偏好，0 为全安全，"
+        "A line is one training; preference 0 is all safety, 1 all thrift. The planner keeps lane and distance.",
+        "highway-env 交通场景：300 m 行程的能耗，对照与其他车辆的最小间隙（均值与 95 % 区间）。每条线为一次训练；偏好 0 为全安全，"
         "1 为全节能。规划器保持车道与车距。",
     ),
     "fleet": (
