@@ -243,10 +243,3 @@ def test_the_table_of_a_few_episodes_has_a_row_for_each_preference():
     table = highway_table("traffic", (0,), 1_024, 2, peers=False)
     assert table.arm.tolist() == ["follower", "ppo", "ppo", "ppo"]
     assert table.preference.tolist() == [0.5, 0.0, 0.5, 1.0]
-
-
-@pytest.mark.slow
-def test_ppo_parks_more_than_half_of_the_cars_after_120_000_steps():
-    driver = CarDriver(train_car("parking", 120_000, seed=0, preference=0.5))
-    rows = judge(driver, "parking", 0.5, 100, first=1_000_000)
-    assert (rows.outcome == "goal").mean() > 0.5
