@@ -188,14 +188,14 @@ def export_parts(notebooks: str | Path, out: str | Path) -> dict[str, Part]:
 
 
 def load_parts(folder: str | Path, lessons: Sequence[str] = tuple(LESSONS)) -> dict[str, Callable]:
-    """The student's functions that an export holds and that pass here too, by exercise; maybe none.
+    """The student's functions that an export holds and that pass here too, by exercise.
 
     Args:
         folder: made by `export_parts`.
         lessons: to look into; every function of theirs is checked, which takes ten seconds for all of them.
 
     Raises:
-        UnusableInput: the folder is no export.
+        UnusableInput: the folder is no export, or nothing that it holds passes in these lessons or could in others.
     """
     if not (Path(folder) / SUMMARY).exists():
         raise UnusableInput(f"{folder}: no {SUMMARY}; make the folder by `python kit.py status --export FOLDER`")
@@ -206,6 +206,8 @@ def load_parts(folder: str | Path, lessons: Sequence[str] = tuple(LESSONS)) -> d
         if path.exists():
             parts = lesson_parts(lesson, [("", path.read_text(encoding="utf-8"))])
             found |= {name: one.function for name, one in parts.items() if one.is_yours and name in summary}
+    if not found and summary <= {exercise for lesson in lessons for exercise in LESSONS[lesson]}:
+        raise UnusableInput(f"{folder}: none of its parts passes its check")
     return found
 
 
@@ -237,7 +239,6 @@ def arms_with_parts(folder: str | Path, arms: Sequence[str] = ()) -> list[str]:
     if has_lessons(folder):
         export_parts(folder, folder / "parts")
         folder = folder / "parts"
-    if not load_parts(folder):  # here, not in a notebook
-        raise UnusableInput(f"{folder}: none of its parts passes its check")
+    load_parts(folder)  # a folder that is none ends here, not in a notebook
     policy = folder / POLICY
     return [f"{arm}{PARTS_MARK}{folder}" for arm in arms or [str(policy) if policy.exists() else "ppo"]]

@@ -135,6 +135,9 @@ def test_an_arm_drives_in_worlds_with_the_students_parts(tmp_path):
     assert library_arm(arm, Config()).fingerprint != getattr(library_arm("stand_still", Config()), "fingerprint", "")
     with pytest.raises(UnusableInput, match=r"parts\.json"):
         parts.arms_with_parts(tmp_path / "out", ["stand_still"])
+    (tmp_path / "我的 部件" / "07_rewards.py").write_text("safe = goal = reward_terms = None\n", encoding="utf-8")
+    with pytest.raises(UnusableInput, match="none of its parts passes"):
+        library_arm(arm, Config())  # what passed when it was exported, and no longer does
     course.write_lessons(tmp_path / "untouched")
     with pytest.raises(UnusableInput, match="none of its parts passes"):
         parts.arms_with_parts(tmp_path / "untouched", ["stand_still"])
