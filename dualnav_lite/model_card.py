@@ -11,6 +11,7 @@ from dualnav_lite.chunks import sha256
 from dualnav_lite.config import ROOT, UnusableInput, write_atomic
 from dualnav_lite.drivers import MODEL_FOLDER, EmbeddedPolicy
 from dualnav_lite.judge import REFERENCE
+from dualnav_lite.policy_tables import band_lines, paired_lines, preference_lines, training_lines
 from dualnav_lite.predictor import load as load_predictor
 from dualnav_lite.scenario import load_scenario
 from dualnav_lite.survival import read_episodes, survival
@@ -125,6 +126,45 @@ def predictor_lines(folder: Path) -> list[str]:
     return [*lines, *("| " + " | ".join(row) + " |" for row in cells), ""]
 
 
+def section_lines(title: str, told: str, table: list[str]) -> list[str]:
+    """A section: its title, what the table shows, the table."""
+    return ["", f"## {title}", "", told, "", *table]
+
+
+def policy_lines(rows: pd.DataFrame, reference: Path = REFERENCE) -> list[str]:
+    """Sections on the filter, on other trainings and on what the policy's bands do; of tables that are there."""
+    lines = (
+        section_lines(
+            "The filter",
+            "Points of survival that the filter adds or takes on the same seeds (95 %).",
+            paired_lines(rows, [("ppo_filter", "ppo")]),
+        )
+        if {"ppo", "ppo_filter"} <= set(rows.arm)
+        else []
+    )
+    trainings = reference / "trainings_tuning.csv.gz"
+    if trainings.exists():
+        lines += section_lines(
+            "Other trainings",
+            "The same seeds for every policy of `trainings/`: the recipe with other training seeds, before PPO\n"
+            "(`imitated_`) and after (`record_`), and PPO from nothing. Below, what PPO adds to imitation, in points\n"
+            "(95 %).",
+            training_lines(read_episodes(trainings), rows),
+        )
+    for name, title, told, table in (
+        ("trade", "Preference", "200 test seeds each (`trade.csv`); 0 is all safety, 1 all thrift.", preference_lines),
+        (
+            "intervention",
+            "Battery",
+            "Commands on the same states, the battery's band alone changed (`intervention.csv`).",
+            band_lines,
+        ),
+    ):
+        if (reference / f"{name}.csv").exists():
+            lines += section_lines(title, told, table(pd.read_csv(reference / f"{name}.csv", encoding="utf-8")))
+    return lines
+
+
 def write_card(
     training: str, log: Path, rows: Path, commit: str, minutes: float, folder: Path = MODEL_FOLDER, readmes: Path = ROOT
 ) -> Path:
@@ -170,6 +210,7 @@ def write_card(
         f"## Tuning seeds ({seeds})",
         "",
         *rate_table(table),
+        *policy_lines(table),
     ]
     path = folder / "README.md"
     write_atomic(path, "\n".join(lines) + "\n")

@@ -19,6 +19,10 @@ PARETO_COLUMNS = [
 ]  # fmt: skip
 FRONT_COLUMNS = ["scenario", "arm", "hypervolume", "reference_point", "share_on_front", "low", "high"]
 EPISODE_COLUMNS = ["scenario", "arm", "seed", "safe_dist_m", "energy_j", "pareto_optimal"]
+TRADE_COLUMNS = [
+    "scenario", "arm", "measure", "preference_a", "preference_b", "at_a", "at_b", "difference", "low", "high", "n",
+]  # fmt: skip
+TRADED = ((0.0, 0.5), (0.5, 1.0), (0.0, 1.0))  # preferences that are held against each other
 DRAWS = 1000
 
 
@@ -123,11 +127,35 @@ def front(rows: pd.DataFrame, draws: int = DRAWS) -> pd.DataFrame:
     return pd.DataFrame(table, columns=FRONT_COLUMNS)
 
 
+def trade(rows: pd.DataFrame, draws: int = DRAWS) -> pd.DataFrame:
+    """`trade.csv`: what each arm's preference does to either objective; `difference` is at preference b minus at a.
+
+    `low` and `high` (95 %) by the bootstrap of `front`: both preferences ran the same seeds, which are drawn together.
+    Pairs of `TRADED` that an arm did not run are left out.
+    """
+    table = []
+    for scenario, group in rows.groupby("scenario", sort=False):
+        samples = _Samples(group)
+        measured, drawn = samples.measured(), samples.bootstrap(draws)
+        pairs = [((arm, one), (arm, other)) for arm in samples.arms for one, other in TRADED]
+        for start, end in pairs:
+            if start not in samples.points or end not in samples.points:
+                continue
+            a, b = samples.points.index(start), samples.points.index(end)
+            with np.errstate(invalid="ignore"):  # no goal at either preference: infinitely much energy a goal
+                differences = measured[b] - measured[a]
+                bounds = np.percentile(drawn[:, b] - drawn[:, a], [2.5, 97.5], axis=0)
+            for k, measure in enumerate(OBJECTIVES):
+                values = measured[a, k], measured[b, k], differences[k]
+                table.append([scenario, start[0], measure, start[1], end[1], *values, *bounds[:, k], samples.episodes])
+    return pd.DataFrame(table, columns=TRADE_COLUMNS)
+
+
 class _Samples:
     """Episodes of one scenario as arrays that can be drawn from; only seeds that every point ran count.
 
     Attributes:
-        arms: names; arm_of: (points,) index of each point's arm.
+        arms: names; arm_of: (points,) index of each point's arm; points: (arm, preference) of each; episodes: seeds.
     """
 
     def __init__(self, rows: pd.DataFrame):
@@ -138,11 +166,12 @@ class _Samples:
         if not shared:
             raise ValueError(f"{rows.scenario.iloc[0]}: the arms have no seed in common")
         rows = rows[rows.seed.isin(shared)].sort_values([*keys, "seed"])
-        self._seeds, self.arms = len(shared), sorted(rows.arm.unique())
-        self._values, arm_of = [], []  # of a point: (training seeds, 3, episode seeds)
-        for (arm, _), point in rows.groupby(keys[:2], sort=True):
+        self.episodes, self.arms = len(shared), sorted(rows.arm.unique())
+        self._values, self.points, arm_of = [], [], []  # of a point: (training seeds, 3, episode seeds)
+        for (arm, preference), point in rows.groupby(keys[:2], sort=True):
             by_training = [one[["safe", "energy_j", "goals"]].to_numpy(float).T for _, one in point.groupby(keys[2])]
             self._values.append(np.stack(by_training))
+            self.points.append((arm, preference))
             arm_of.append(self.arms.index(arm))
         self.arm_of = np.array(arm_of)
 
@@ -153,8 +182,8 @@ class _Samples:
 
     def bootstrap(self, draws: int) -> np.ndarray:
         """(draws, points, 2) objectives, each over episode and training seeds drawn with replacement."""
-        generator = np.random.default_rng(0)
-        weights = generator.multinomial(self._seeds, np.full(self._seeds, 1 / self._seeds), draws) / self._seeds
+        generator, n = np.random.default_rng(0), self.episodes
+        weights = generator.multinomial(n, np.full(n, 1 / n), draws) / n
         found = np.empty((draws, len(self._values), 2))
         chosen: dict[int, np.ndarray] = {}  # an arm's training seeds are drawn once for all its points
         for k, (values, arm) in enumerate(zip(self._values, self.arm_of, strict=True)):

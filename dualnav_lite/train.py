@@ -81,14 +81,17 @@ class Trainer:
         """An untrained policy of this training's shape."""
         return make_actor(self._shape, self.training.head, self.config.hardware.limits.tolist(), self.training.grain)
 
-    def run(self) -> Actor:
-        """All stages; the trained policy, also in `actor.pth` of the folder.
+    def run(self, until: str = "") -> Actor:
+        """All stages, or those up to the one named; the trained policy, at the end also in `actor.pth` of the folder.
 
         Raises:
             TrainingStopped: a loss that is no number.
-            UnusableInput: the folder refuses, as when the disk is full.
+            UnusableInput: no stage of that name; the folder refuses, as when the disk is full.
         """
-        for stage in self.training.stages:
+        names = [stage.name for stage in self.training.stages]
+        if until and until not in names:
+            raise UnusableInput(f"no stage '{until}'; the training has {', '.join(names)}")
+        for stage in self.training.stages[: names.index(until) + 1 if until else None]:
             done = self.folder / f"{stage.name}.done.pth"
             if done.exists():
                 kept = load_weights(done)
@@ -100,6 +103,8 @@ class Trainer:
             {"imitate": self._imitate, "ppo": self._ppo}[stage.kind](stage)
             save_weights(done, {"actor": self.actor.state_dict(), "critic": self.critic.state_dict()})
             self.log.say(f"stage '{stage.name}' done in {(time.monotonic() - begin) / 60:.1f} min")
+        if until:
+            return self.actor
         save_weights(self.folder / "actor.pth", self.actor.state_dict())
         save_weights(self.folder / "critic.pth", self.critic.state_dict())
         return self.actor
@@ -252,6 +257,7 @@ def train(
     workers: int = 2,
     out: str | Path | None = None,
     device: str = "auto",
+    until: str = "",
     say: Callable[[str], None] = print,
 ) -> Path:
     """Train what a config file says, or go on with it; the run's folder.
@@ -263,12 +269,13 @@ def train(
         workers: processes that simulate.
         out: folder for the exported policy; None exports into the run's folder.
         device: "auto", "cpu" or "cuda".
+        until: name of the stage after which to stop and export; all of them if empty.
     """
     training = load_training(config, seed)
     folder = runs_folder() / (run or f"{Path(config).stem}-seed{training.seed}")
     trainer = Trainer(training, folder, Path(config).parent, workers, device, say)
     say(f"{training.title}; run folder {folder}")
-    trainer.run()
+    trainer.run(until)
     paths = trainer.export(out or folder)
     say(f"policy: {paths['onnx']}")
     return folder

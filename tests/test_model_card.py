@@ -5,7 +5,7 @@ import pytest
 from dualnav_lite.config import ROOT, UnusableInput
 from dualnav_lite.drivers import MODEL_FOLDER
 from dualnav_lite.episodes import COLUMNS, rows_to_csv
-from dualnav_lite.model_card import READMES, write_card, write_readmes
+from dualnav_lite.model_card import READMES, policy_lines, write_card, write_readmes
 from dualnav_lite.survival import read_episodes
 
 
@@ -70,3 +70,9 @@ def test_a_missing_file_is_named(parts, tmp_path):
     models, log, _ = parts
     with pytest.raises(UnusableInput, match=r"nothing\.csv: no such file"):
         write_card("training/record.yaml", log, tmp_path / "nothing.csv", "abc", 1, models, tmp_path)
+
+
+def test_the_committed_card_is_what_the_committed_tables_make():
+    committed = (MODEL_FOLDER / "README.md").read_text(encoding="utf-8")
+    rows = read_episodes(ROOT / "stress_tests" / "reference" / "policy_tuning.csv.gz")
+    assert "\n".join(policy_lines(rows)) + "\n" == committed[committed.index("\n## The filter") :]

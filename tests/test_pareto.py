@@ -13,7 +13,16 @@ from dualnav_lite.config import UnusableInput
 from dualnav_lite.episodes import COLUMNS
 from dualnav_lite.judge import beside_claim, bounds, joined, judge, published_rows
 from dualnav_lite.metrics import bootstrap_rate
-from dualnav_lite.pareto import front, hypervolume, on_front, pareto, pareto_episodes, reference_point, safe_distance
+from dualnav_lite.pareto import (
+    front,
+    hypervolume,
+    on_front,
+    pareto,
+    pareto_episodes,
+    reference_point,
+    safe_distance,
+    trade,
+)
 from dualnav_lite.report import HEADER, PAIRED_HEADER, frame_texts, latex, markdown, survival_lines, terminal_lines
 from dualnav_lite.survival import rows_of
 
@@ -85,6 +94,23 @@ def test_an_uncertain_front_has_a_wide_interval_and_one_seed_of_training_too_man
     table = front(rows(*episodes), draws=200).set_index("arm")
     assert (table.low == 0).all()
     assert (table.high == 1).all()
+
+
+def test_what_a_preference_trades_is_held_against_itself_on_the_same_seeds():
+    episodes = []
+    for seed, room in enumerate(np.random.default_rng(1).uniform(0.2, 0.5, 40)):  # seeds differ more than preferences
+        for preference in (0.0, 0.5, 1.0):
+            episodes += point("a", preference, room - 0.1 * preference, 300 - 40 * preference + 100 * room, [seed])
+        episodes += point("b", 0.3, room, 300.0, [seed])  # ran none of the preferences that are compared
+    table = trade(rows(*episodes), draws=200)
+    assert set(table.arm) == {"a"}
+    assert list(zip(table.preference_a, table.preference_b, strict=True))[::2] == [(0.0, 0.5), (0.5, 1.0), (0.0, 1.0)]
+    whole = table[table.preference_b - table.preference_a == 1.0].set_index("measure")
+    assert whole.difference.to_dict() == pytest.approx({"safe_dist_m": -0.1, "energy_j_per_goal": -40.0})
+    assert (whole.high - whole.low).to_dict() == pytest.approx({"safe_dist_m": 0.0, "energy_j_per_goal": 0.0}, abs=1e-9)
+    assert set(table.n) == {40}
+    broken = [("pop_up", "a", 0, "hit_box", {"preference": p}) for p in (0.0, 1.0)]
+    assert trade(rows(*broken), draws=5).set_index("measure").difference.isna()["energy_j_per_goal"]
 
 
 def test_two_levels_of_resampling_are_wider_than_one():

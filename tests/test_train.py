@@ -67,6 +67,21 @@ def undisturbed(tmp_path_factory):
     return folder
 
 
+def test_what_a_stage_taught_is_exported_and_the_same_command_goes_on_from_there(undisturbed, tmp_path, monkeypatch):
+    monkeypatch.setenv("DUALNAV_RUNS", str(tmp_path / "runs"))
+    config = tmp_path / "short.yaml"
+    config.write_text(yaml.safe_dump(SHORT), encoding="utf-8")
+    folder = train(config, out=tmp_path / "taught", until="imitate", say=quiet)
+    taught = load_weights(tmp_path / "taught" / "ppo_actor.pth")
+    kept = load_weights(undisturbed / "imitate.done.pth")["actor"]
+    assert all(torch.equal(taught[name], kept[name]) for name in kept)
+    assert not (folder / "actor.pth").exists()
+    with pytest.raises(UnusableInput, match="no stage 'ppp'; the training has imitate, ppo"):
+        train(config, until="ppp", say=quiet)
+    train(config, say=quiet)
+    assert torch.equal(weights(folder), weights(undisturbed))
+
+
 @pytest.mark.parametrize("at_save", [1, 2])
 def test_a_run_that_was_stopped_ends_with_the_weights_of_one_that_was_not(undisturbed, tmp_path, monkeypatch, at_save):
     saves, save = [], Trainer._save

@@ -18,6 +18,7 @@ from dualnav_lite.commands import (
     scenarios_of,
     words,
 )
+from dualnav_lite.config import UnusableInput
 
 
 @app.command()
@@ -28,18 +29,21 @@ def train(
     jobs: Jobs = CORES,
     out: Annotated[Path | None, typer.Option(help="Folder for the policy; the run's folder if not given.")] = None,
     device: Annotated[str, typer.Option(help="Where the networks learn: auto, cpu or cuda.")] = "auto",
+    until: Annotated[str, typer.Option(help="Stop and export after this stage; all of them if empty.")] = "",
 ) -> int:
     """A policy or the predictor from a config: progress, checkpoints, logs; the same command goes on after a stop."""
     from dualnav_lite.train_predictor import is_predictor_config, train_predictor
 
     if is_predictor_config(config):
+        if until:
+            raise UnusableInput(f"{config}: the predictor's training has no stages, so --until does not fit")
         train_predictor(config, run or None, seed, jobs, out)
         return 0
     from dualnav_lite.train import TrainingStopped
     from dualnav_lite.train import train as run_training
 
     try:
-        run_training(config, run or None, seed, jobs, out, device)
+        run_training(config, run or None, seed, jobs, out, device, until)
     except TrainingStopped as error:
         print(f"stopped: {error}", file=sys.stderr)
         return 1

@@ -43,12 +43,12 @@ class Options:
 
 
 def front(options: Options) -> dict[str, pd.DataFrame]:
-    """Preferences of the policy and the top speed of four planners: `pareto.csv` and `front.csv`."""
+    """Preferences of the policy and the top speed of four planners: `pareto.csv`, `front.csv`, `trade.csv`."""
     from dualnav_lite.measures.sweep import sweep
-    from dualnav_lite.pareto import front, pareto
+    from dualnav_lite.pareto import front, pareto, trade
 
     rows = sweep(options)
-    return {"sweep": rows, "pareto": pareto(rows), "front": front(rows)}
+    return {"sweep": rows, "pareto": pareto(rows), "front": front(rows), "trade": trade(rows)}
 
 
 def intervention(options: Options) -> dict[str, pd.DataFrame]:

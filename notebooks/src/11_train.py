@@ -208,7 +208,7 @@ table[["arm", "episodes", "survived", "mean_min_clearance_m", "mean_energy_j"]].
 #
 # ```
 # python kit.py train --config training/record.yaml
-# python kit.py train --config training/from_nothing.yaml
+# python kit.py train --config training/from_nothing.yaml --until ppo
 # ```
 #
 # `models/README.md` says how long the first took and what it reached.
