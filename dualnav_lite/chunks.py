@@ -64,7 +64,8 @@ def sha256(text: str | bytes) -> str:
 # What lies above `evaluate` and tells, draws or teaches: imports only go down, so no row depends on it.
 ABOVE_ROWS = (
     "__main__.py", "beyond", "check", "claims.py", "commands", "course.py", "doctor.py", "figures", "judge.py",
-    "model_card.py", "pace.py", "pages.py", "policy_tables.py", "publish.py", "report.py", "stress.py", "submission.py",
+    "model_card.py", "pace.py", "pages.py", "policy_tables.py", "publish.py", "report.py", "stress.py",
+    "study_tables.py", "submission.py",
 )  # fmt: skip
 
 

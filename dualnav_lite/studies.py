@@ -4,28 +4,20 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import joblib
-import numpy as np
 import pandas as pd
 from pydantic import Field, PositiveInt
-from scipy import stats
 from tqdm import tqdm
 
-from dualnav_lite.config import ROOT, Frozen, UnusableInput, read_yaml, validated, write_atomic
+from dualnav_lite.config import Frozen, UnusableInput, read_yaml, validated, write_atomic
 from dualnav_lite.curriculum import Training, resolved_config, runs_folder, scenarios_of
 from dualnav_lite.drivers import MODEL_FOLDER, EmbeddedPolicy
 from dualnav_lite.episodes import SEEDS
 from dualnav_lite.evaluate import evaluate
+from dualnav_lite.study_tables import COLUMNS, FOLDER
 from dualnav_lite.survival import survival
 from dualnav_lite.train import Trainer
 
-FOLDER = ROOT / "training" / "studies"
 ARMS_FOLDER = MODEL_FOLDER / "ablations"
-KEY = ["study", "variant", "training_seed", "scenario"]
-COLUMNS = [
-    *KEY, "episodes", "survived", "survival_rate", "wilson_low", "wilson_high", "collisions", "timeouts",
-    "mean_min_clearance_m", "mean_energy_j", "train_steps",
-]  # fmt: skip
-SUMMARY = ["study", "variant", "scenario", "runs", "mean_rate", "low", "high", "deviation", "coefficient_of_variation"]
 
 
 class Variant(Frozen):
@@ -146,21 +138,3 @@ def run_study(name: str, out: str | Path, jobs: int = 1) -> pd.DataFrame:
             policy = _folder(name, variant, study.seeds[0]) / "ppo_actor.onnx"
             write_atomic(ARMS_FOLDER / f"{path.stem}_{variant}.onnx", policy.read_bytes())
     return pd.DataFrame(rows, columns=COLUMNS)
-
-
-def summarise(rows: pd.DataFrame) -> pd.DataFrame:
-    """One row per variant and scenario: mean survival over training seeds, its t interval, and how much seeds differ.
-
-    `coefficient_of_variation` is the deviation across training seeds over their mean: the study's measure of
-    stability. One seed has neither interval nor deviation.
-    """
-    table = []
-    for (study, variant, scenario), group in rows.groupby(KEY[:2] + KEY[3:], sort=False):
-        rates, n = group.survival_rate.to_numpy(float), len(group)
-        mean, deviation = rates.mean(), rates.std(ddof=1) if n > 1 else np.nan
-        half = stats.t.ppf(0.975, n - 1) * deviation / np.sqrt(n) if n > 1 else np.nan
-        spread = deviation / mean if mean > 0 else np.nan
-        table.append(
-            [study, variant, scenario, n, mean, max(mean - half, 0.0), min(mean + half, 1.0), deviation, spread]
-        )
-    return pd.DataFrame(table, columns=SUMMARY)

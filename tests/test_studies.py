@@ -1,11 +1,10 @@
-import numpy as np
-import pandas as pd
 import pytest
 import yaml
 
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.embedded import EmbeddedPolicy
-from dualnav_lite.studies import COLUMNS, FOLDER, load_study, run_study, summarise
+from dualnav_lite.studies import load_study, run_study
+from dualnav_lite.study_tables import COLUMNS, FOLDER
 
 TINY = {
     "title": "tiny",
@@ -86,20 +85,6 @@ def test_a_flat_observation_and_a_flat_network_go_together(tmp_path, monkeypatch
     flat = {"grain": "flat", "config": {"observation.layout": "flat"}}
     rows = run_study(written(tmp_path, {"variants": {"flat": flat}}), tmp_path / "out")
     assert (rows.episodes == 2).all()
-
-
-def test_summary_by_hand():
-    rows = pd.DataFrame(
-        [["s", "a", seed, "navigation", rate] for seed, rate in enumerate([0.5, 0.7, 0.9])]
-        + [["s", "b", 0, "navigation", 0.4]],
-        columns=["study", "variant", "training_seed", "scenario", "survival_rate"],
-    )
-    a, b = summarise(rows).itertuples()
-    assert (a.runs, b.runs) == (3, 1)
-    assert a.mean_rate == pytest.approx(0.7)
-    assert a.coefficient_of_variation == pytest.approx(0.2 / 0.7)
-    assert a.low == pytest.approx(0.7 - 4.302653 * 0.2 / np.sqrt(3))  # t of two degrees of freedom, from a table
-    assert np.isnan(b.low)
 
 
 @pytest.mark.parametrize(

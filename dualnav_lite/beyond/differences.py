@@ -2,9 +2,8 @@
 
 import numpy as np
 import pandas as pd
-from scipy import stats
 
-from dualnav_lite.metrics import wilson_interval
+from dualnav_lite.metrics import t_interval, wilson_interval
 
 COLUMNS = ["question", "difference", "low", "high", "n"]
 WEIGHT = 0.3  # of the cross-agent term, article 4.5
@@ -30,8 +29,7 @@ def learner_differences(table: pd.DataFrame) -> pd.DataFrame:
         gaps = (values[one] - values[other]).dropna().to_numpy()
         if len(gaps) < 2:
             continue
-        half = stats.t.ppf(0.975, len(gaps) - 1) * gaps.std(ddof=1) / np.sqrt(len(gaps))
-        rows.append([question, gaps.mean(), gaps.mean() - half, gaps.mean() + half, len(gaps)])
+        rows.append([question, *t_interval(gaps), len(gaps)])
     return pd.DataFrame(rows, columns=COLUMNS)
 
 

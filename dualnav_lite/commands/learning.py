@@ -109,7 +109,8 @@ def study(
     out: Annotated[Path, typer.Option(help="Folder of the study's CSV.")] = Path("results"),
 ) -> int:
     """Train and judge the variants of a study again; the same command goes on where it was stopped."""
-    from dualnav_lite.studies import load_study, run_study, summarise
+    from dualnav_lite.studies import load_study, run_study
+    from dualnav_lite.study_tables import summarise
 
     print(load_study(name).question)
     print(summarise(run_study(name, out, jobs)).to_string(index=False, float_format=lambda value: f"{value:.3f}"))
