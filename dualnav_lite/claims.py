@@ -15,7 +15,7 @@ from dualnav_lite.judge import REFERENCE, published_rows
 from dualnav_lite.metrics import wilson_interval
 from dualnav_lite.pareto import pareto_episodes
 from dualnav_lite.scenario import SCENARIO_FOLDER
-from dualnav_lite.study_tables import published_studies, stability
+from dualnav_lite.study_tables import stability
 from dualnav_lite.survival import survival
 
 CLAIM_FILE = SCENARIO_FOLDER.parent / "claims.yaml"
@@ -236,9 +236,8 @@ def reference_tables(results: Path | None = None) -> dict[str, pd.DataFrame]:
         tables.setdefault("pareto_episodes", pareto_episodes(rows))
     if "algorithms" in tables:
         tables["learners"] = learner_differences(tables["algorithms"])
-    studies = published_studies()
-    if "stability" in studies:
-        tables["stability"] = stability(studies["stability"])
+    if "studies" in tables and (tables["studies"].study == "stability").any():
+        tables["stability"] = stability(tables["studies"].query("study == 'stability'"))
     if "fleet" in tables:
         tables["fleets"] = fleet_differences(tables["fleet"])
     return tables

@@ -13,7 +13,8 @@ from dualnav_lite.curriculum import Training, resolved_config, runs_folder, scen
 from dualnav_lite.drivers import MODEL_FOLDER, EmbeddedPolicy
 from dualnav_lite.episodes import SEEDS
 from dualnav_lite.evaluate import evaluate
-from dualnav_lite.study_tables import COLUMNS, FOLDER
+from dualnav_lite.judge import csv_text
+from dualnav_lite.study_tables import COLUMNS, FOLDER, in_order, read_studies
 from dualnav_lite.survival import survival
 from dualnav_lite.train import Trainer
 
@@ -117,24 +118,26 @@ def run_one(name: str, variant: str, seed: int) -> list[dict]:
 
 
 def run_study(name: str, out: str | Path, jobs: int = 1) -> pd.DataFrame:
-    """All runs of a study, `jobs` at a time; writes `<name>.csv` (a row a run and scenario) as they end, and at
-    the end the arms, where the study has some.
+    """All runs of a study, `jobs` at a time; as they end, their rows go to `studies.csv`, beside those of other
+    studies that are there; at the end the arms are written, where the study has some.
 
     Returns:
-        The rows, in the order of the study's variants.
+        The study's rows, in the order of its variants; one a run and scenario.
     """
-    study, path = load_study(name), Path(out) / f"{Path(name).stem}.csv"
+    study, title, path = load_study(name), Path(name).stem, Path(out) / "studies.csv"
     runs = [(variant, seed) for seed in study.seeds for variant in study.variants]
     order, rows = list(study.variants), []
+    others = read_studies(path).query("study != @title")
     calls = [joblib.delayed(run_one)(name, variant, seed) for variant, seed in runs]
     with tqdm(total=len(runs), unit="run") as bar:
         for found in joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(calls):
             rows += found
             rows.sort(key=lambda row: (order.index(row["variant"]), row["training_seed"], row["scenario"]))
-            write_atomic(path, pd.DataFrame(rows, columns=COLUMNS).to_csv(index=False, lineterminator="\n"))
+            own = pd.DataFrame(rows, columns=COLUMNS)
+            write_atomic(path, csv_text(in_order(pd.concat([others, own]) if len(others) else own)))
             bar.update()
     if study.arms:
         for variant in study.variants:
             policy = _folder(name, variant, study.seeds[0]) / "ppo_actor.onnx"
-            write_atomic(ARMS_FOLDER / f"{path.stem}_{variant}.onnx", policy.read_bytes())
-    return pd.DataFrame(rows, columns=COLUMNS)
+            write_atomic(ARMS_FOLDER / f"{title}_{variant}.onnx", policy.read_bytes())
+    return own

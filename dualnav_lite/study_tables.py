@@ -1,6 +1,5 @@
-"""What the studies of `training/studies` found, from their CSVs alone: summaries, differences, `docs/STUDIES.md`."""
+"""What the studies of `training/studies` found, from their rows alone: summaries, differences, `docs/STUDIES.md`."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from dualnav_lite.metrics import t_interval
 from dualnav_lite.report import markdown
 
 FOLDER = ROOT / "training" / "studies"
-PUBLISHED = REFERENCE / "studies"
+PUBLISHED = REFERENCE / "studies.csv"
 KEY = ["study", "variant", "training_seed", "scenario"]
 COLUMNS = [
     *KEY, "episodes", "survived", "survival_rate", "wilson_low", "wilson_high", "collisions", "timeouts",
@@ -41,7 +40,7 @@ def summarise(rows: pd.DataFrame) -> pd.DataFrame:
     """
     table = []
     first = {study: group.variant.iloc[0] for study, group in rows.groupby("study", sort=False)}
-    rates = rows.set_index(["study", "variant", "scenario", "training_seed"]).survival_rate.astype(float)
+    rates = rows.set_index(["study", "variant", "scenario", "training_seed"]).survival_rate.astype(float).sort_index()
     for (study, variant, scenario), group in rows.groupby(["study", "variant", "scenario"], sort=False):
         own = rates[study, variant, scenario]
         mean, low, high = t_interval(own)
@@ -82,9 +81,14 @@ def _variation(rates) -> np.ndarray:
     return rates.std(axis=-2, ddof=1) / rates.mean(axis=-2)
 
 
-def published_studies(folder: Path = PUBLISHED) -> dict[str, pd.DataFrame]:
-    """Rows of each study whose CSV is there, in the order of their names."""
-    return {path.stem: pd.read_csv(path, encoding="utf-8") for path in sorted(Path(folder).glob("*.csv"))}
+def read_studies(path: Path = PUBLISHED) -> pd.DataFrame:
+    """Rows of every study in a `studies.csv`; none where there is no such file."""
+    return pd.read_csv(path, encoding="utf-8") if path.exists() else pd.DataFrame(columns=COLUMNS)
+
+
+def in_order(rows: pd.DataFrame) -> pd.DataFrame:
+    """Rows by the names of their studies; within one they stay as they are."""
+    return rows.sort_values("study", kind="stable")
 
 
 def _points(value: float, low: float, high: float, sign: str = "") -> str:
@@ -122,16 +126,16 @@ def stability_lines(rows: pd.DataFrame) -> list[str]:
     return markdown(["question", "said to be steadier", "than", "coefficient of variation falls by [%] (95 %)"], cells)
 
 
-def studies_page(studies: Mapping[str, pd.DataFrame], folder: Path = FOLDER) -> str:
+def studies_page(studies: pd.DataFrame, folder: Path = FOLDER) -> str:
     """`docs/STUDIES.md`: each study's question, command and table."""
     lines = [
         "# Studies",
         "",
-        "Made by `python kit.py claims` from the CSVs in `stress_tests/reference/studies/`; no number is typed in.",
+        "Made by `python kit.py claims` from `stress_tests/reference/studies.csv`; no number is typed in.",
         "Survival in percent on tuning seeds, mean over training seeds; behind it, in points, the difference to the",
         "study's first variant. In brackets 95 %, by Student's t over training seeds (none where there is one seed).",
     ]
-    for name, rows in studies.items():
+    for name, rows in studies.groupby("study", sort=False):
         seeds, episodes = rows.training_seed.nunique(), rows.episodes.max()
         how = f"`python kit.py study {name}`, {seeds} training seed{'s' * (seeds > 1)}, {episodes} episodes a scenario."
         lines += ["", f"## {name}", "", read_yaml(folder / f"{name}.yaml")["question"], "", how, "", *study_lines(rows)]

@@ -12,10 +12,9 @@ from dualnav_lite.config import Config, UnusableInput
 from dualnav_lite.encoder import BANDS, read_bands
 from dualnav_lite.episodes import SEEDS
 from dualnav_lite.evaluate import library_arm
-from dualnav_lite.figures.beyond import BEYOND
 from dualnav_lite.figures.captions import CAPTIONS
 from dualnav_lite.figures.questions import METHODS
-from dualnav_lite.figures.results import RESULTS, make_result_figures
+from dualnav_lite.figures.results import APART, RESULTS, make_result_figures
 from dualnav_lite.judge import made_from, published_rows
 from dualnav_lite.measures import failures
 from dualnav_lite.measures.adversary import PERTURBATIONS, Perturbed, search
@@ -325,7 +324,7 @@ def test_every_figure_is_drawn_from_its_table_in_every_format_with_a_caption(tab
     assert all(path.stat().st_size > 2000 for path in written)
     captions = (tables / "figures" / "captions.md").read_text(encoding="utf-8")
     assert all(f"**{name}.**" in captions for name in names)
-    assert set(RESULTS | BEYOND) == set(CAPTIONS)
+    assert set(RESULTS | APART) == set(CAPTIONS)
     first = [path.read_bytes() for path in written]
     again = make_result_figures(tables, "en", ("png", "svg", "pdf"), names)
     assert [path.read_bytes() for path in again] == first

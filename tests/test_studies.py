@@ -1,8 +1,10 @@
+import pandas as pd
 import pytest
 import yaml
 
 from dualnav_lite.config import UnusableInput
 from dualnav_lite.embedded import EmbeddedPolicy
+from dualnav_lite.judge import csv_text
 from dualnav_lite.studies import load_study, run_study
 from dualnav_lite.study_tables import COLUMNS, FOLDER
 
@@ -63,10 +65,14 @@ def test_a_study_trains_and_judges_every_variant_and_goes_on_where_it_was(tmp_pa
     assert rows.variant.tolist() == ["with", "without"]
     assert (rows.episodes == 2).all()
     assert (rows.train_steps == 16).all()
-    before = (tmp_path / "out" / "tiny.csv").read_bytes()
+    path = tmp_path / "out" / "studies.csv"
+    before = path.read_bytes()
+    other = rows.assign(study="another")
+    path.write_text(csv_text(pd.concat([rows.assign(survived=-1), other])), encoding="utf-8")
     monkeypatch.setattr("dualnav_lite.ppo.update_policy", None)  # nothing is left to train
     run_study(name, tmp_path / "out")
-    assert (tmp_path / "out" / "tiny.csv").read_bytes() == before
+    assert path.read_text(encoding="utf-8") == csv_text(pd.concat([other, rows]))  # its own rows anew, no other's
+    assert before.splitlines() == [line for line in path.read_bytes().splitlines() if not line.startswith(b"another")]
 
 
 def test_a_study_s_policies_become_arms(tmp_path, monkeypatch):

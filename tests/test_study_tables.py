@@ -3,7 +3,7 @@ import pandas as pd
 import pytest
 
 from dualnav_lite.config import ROOT
-from dualnav_lite.study_tables import published_studies, stability, studies_page, study_lines, summarise
+from dualnav_lite.study_tables import read_studies, stability, studies_page, study_lines, summarise
 
 
 def test_summary_by_hand():
@@ -58,13 +58,13 @@ def test_stability_claims_nothing_where_seeds_agree_by_chance():
     assert found.low["article_choice"] < 0 < found.high["article_choice"]
 
 
-def test_the_committed_page_is_what_the_published_studies_make():
+def test_the_committed_page_is_what_the_read_studies_make():
     committed = (ROOT / "docs" / "STUDIES.md").read_text(encoding="utf-8")
-    assert committed == studies_page(published_studies()), "run `python kit.py claims`"
+    assert committed == studies_page(read_studies()), "run `python kit.py claims`"
 
 
 def test_the_page_gives_each_study_its_question_and_its_command():
-    page = studies_page({"cache": study({"with": [0.9, 0.8], "without": [0.7, 0.7]}, "cache")})
+    page = studies_page(study({"with": [0.9, 0.8], "without": [0.7, 0.7]}, "cache"))
     assert "What is the cached, re-projected map worth" in page
     assert "`python kit.py study cache`, 2 training seeds, 200 episodes a scenario." in page
     assert "-15.0 (" in page

@@ -106,7 +106,7 @@ def predictor(
 def study(
     name: Annotated[str, typer.Argument(help="One of training/studies, or the path of a YAML file.")],
     jobs: Jobs = CORES,
-    out: Annotated[Path, typer.Option(help="Folder of the study's CSV.")] = Path("results"),
+    out: Annotated[Path, typer.Option(help="Folder of studies.csv.")] = Path("results"),
 ) -> int:
     """Train and judge the variants of a study again; the same command goes on where it was stopped."""
     from dualnav_lite.studies import load_study, run_study

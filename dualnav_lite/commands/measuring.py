@@ -117,14 +117,14 @@ def claims(
     from dualnav_lite.claims import all_claims, claims_page, claims_table, reference_tables
     from dualnav_lite.config import ROOT, write_atomic
     from dualnav_lite.judge import REFERENCE, csv_text
-    from dualnav_lite.study_tables import published_studies, studies_page
+    from dualnav_lite.study_tables import read_studies, studies_page
 
     known = all_claims()
     table = claims_table(known, reference_tables(results))
     write_atomic((out or REFERENCE) / "claims.csv", csv_text(table))
     pages = out or ROOT / "docs"
     write_atomic(pages / "CLAIMS.md", claims_page(known, table))
-    write_atomic(pages / "STUDIES.md", studies_page(published_studies()))
+    write_atomic(pages / "STUDIES.md", studies_page(read_studies()))
     columns = ["claim", "article_value", "verdict", "our_value", "low", "high", "n"]
     print(table[columns].to_string(index=False, float_format=lambda value: f"{value:.3g}", na_rep=""))
     return 0

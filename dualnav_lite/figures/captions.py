@@ -60,6 +60,11 @@ CAPTIONS = {
         "Paths of three arms through the same rooms, which are drawn as they stand when the policy arrives. Crosses end in a contact; the dashed frame is what the policy sees last.",
         "三个方案在相同房间中的轨迹；房间按策略到达时的状态绘制。叉号表示以碰撞结束；虚线框为策略最后看到的范围。",
     ),
+    "studies": (
+        "Variants of one training, judged on the same tuning seeds: a stroke a training seed, a mark their mean, "
+        "with its 95 % interval by Student's t. The first variant is what the others are held against.",
+        "同一训练的不同变体，在相同的调参种子上评判：竖线为单个训练种子，标记为其均值，横线为 Student t 的 95 % 区间。第一个变体为对照。",
+    ),
     "traffic": (
         "Traffic of highway-env: energy of a journey of 300 m over the least gap to another car, means with 95 % intervals. "
         "A line is one training; preference 0 is all safety, 1 all thrift. The planner keeps lane and distance.",

@@ -17,6 +17,7 @@ from dualnav_lite.figures import FORMATS, LANGUAGES, _check, _save, questions, r
 from dualnav_lite.figures.beyond import BEYOND
 from dualnav_lite.figures.captions import caption_lines
 from dualnav_lite.figures.sheet import COLOURS, MARKERS, QUIET, SMALL, Read, Sheet, Words
+from dualnav_lite.figures.studies import studies
 from dualnav_lite.judge import PUBLISHED, REFERENCE, bounds
 from dualnav_lite.pareto import reference_point
 from dualnav_lite.scenario import load_scenario
@@ -241,6 +242,9 @@ RESULTS: dict[str, tuple[tuple[str, ...], Callable[[Words, Read], Figure]]] = {
     "reward_terms": ((), lambda words, read: runs.reward_terms(words)),
 }
 
+# Drawn where its table stands in the folder, or when asked: a report of the stress scenarios has no use for these.
+APART = BEYOND | {"studies": (("studies",), studies)}
+
 
 def table_path(name: str, results: Path, reference: Path = REFERENCE) -> Path | None:
     """Where a table stands: in the results, or else among the published ones; None if nowhere."""
@@ -260,7 +264,7 @@ def make_result_figures(
 
     Args:
         results: folder with the tables of `judge.judge_folder` or of a measurement.
-        language: "en" or "zh"; formats: of `figures.FORMATS`; names: of `RESULTS` and `BEYOND`, None for all that can
+        language: "en" or "zh"; formats: of `figures.FORMATS`; names: of `RESULTS` and `APART`, None for all that can
             be drawn.
         reference: where a table is looked for that `results` lacks.
         out: the folder; `<results>/figures` if None.
@@ -270,7 +274,7 @@ def make_result_figures(
     """
     results = Path(results)
     folder = Path(out) if out else results / "figures"
-    known = RESULTS | BEYOND
+    known = RESULTS | APART
     _check(names or (), known, "figure of results")
     _check([language], LANGUAGES, "language")
     _check(formats, FORMATS, "format")
@@ -280,8 +284,7 @@ def make_result_figures(
 
     written, drawn = [], []
     with matplotlib.rc_context(style_of(language)):
-        # What lies beyond is drawn with its own tables alone: a report of the stress scenarios has no use for it.
-        own = [name for name in BEYOND if (results / f"{name}.csv").exists()]
+        own = [name for name in APART if (results / f"{name}.csv").exists()]
         for name in names or [*RESULTS, *own]:
             needed, draw = known[name]
             missing = [table for table in needed if table_path(table, results, reference) is None]
