@@ -98,21 +98,22 @@ def make_driver(arm_id: str, config: Config | None = None):
 
     Args:
         arm_id: `ppo` (the shipped policy), `ablation_*`, the path of an exported policy, or one of `planners.ARMS`;
-            with `_filter` behind it, the same behind the safety filter.
+            with `_filter` behind it, the same behind the safety filter, but for ablations, which are driven as they are
+            (one is called `ablation_intensity_filter`).
         config: the one the worlds run with; it must fit the policy's observation. An ablation brings its own.
 
     Raises:
         UnusableInput: an unknown arm, a missing or unusable file, a config that does not fit.
     """
-    if arm_id.endswith("_filter"):
+    is_ablation = arm_id.startswith("ablation_")
+    if arm_id.endswith("_filter") and not is_ablation:
         return FilteredDriver(make_driver(arm_id.removesuffix("_filter"), config), config or Config())
     if arm_id.endswith((".onnx", ".pt")):
         return EmbeddedPolicy(_existing(arm_id), config)
     if arm_id.startswith(("ppo@", "ablation_")) and "@" in arm_id:
         raise UnusableInput(f"arm '{arm_id}': a trained policy has no knob; its trade-off is --preference")
-    if arm_id != "ppo" and not arm_id.startswith("ablation_"):
+    if arm_id != "ppo" and not is_ablation:
         return make_planner(arm_id, config)
-    is_ablation = arm_id != "ppo"
     path = MODEL_FOLDER / "ablations" / f"{arm_id}.onnx" if is_ablation else MODEL_FOLDER / "ppo_actor.onnx"
     return EmbeddedPolicy(_existing(path), None if is_ablation else config)
 

@@ -37,10 +37,14 @@ WHAT = {
     "predictor.pth": "the LSTM predictor",
     "predictor.npz": "its weights once more, for the environment, which needs no torch",
 }
+FOLDERS = {
+    "ablations": "the arms `ablation_*`: `training/studies/ablation.yaml`, one training each",
+    "trainings": "other trainings: the recipe with other seeds, before and after PPO, and PPO from nothing",
+}
 
 
 def files_table(folder: Path) -> list[str]:
-    """Lines of Markdown: each weight file with its size and fingerprint."""
+    """Lines of Markdown: each weight file with its size and fingerprint, then folders of policies."""
     lines = ["| file | what | MB | SHA-256 |", "|---|---|---|---|"]
     for name, what in WHAT.items():
         path = folder / name
@@ -48,6 +52,10 @@ def files_table(folder: Path) -> list[str]:
             content = path.read_bytes()
             digest = sha256(content)[:12]
             lines.append(f"| `{name}` | {what} | {len(content) / 1e6:.2f} | {digest} |")
+    for name, what in FOLDERS.items():
+        sizes = [path.stat().st_size for path in (folder / name).glob("*.onnx")]
+        if sizes:
+            lines.append(f"| `{name}/*.onnx` | {what} | at most {max(sizes) / 1e6:.2f} | {len(sizes)} files |")
     return lines
 
 

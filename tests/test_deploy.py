@@ -7,9 +7,10 @@ import torch
 
 from dualnav_lite.config import Config, Hardware, UnusableInput, with_overrides
 from dualnav_lite.deploy import EmbeddedPolicy, card_of, export
-from dualnav_lite.drivers import make_driver
+from dualnav_lite.drivers import make_driver, trained_ablations
 from dualnav_lite.planners.sampling import command_grid
 from dualnav_lite.policy import Actor, CommandGridHead, make_actor
+from dualnav_lite.studies import load_study
 from dualnav_lite.trunks import HIDDEN, ImageTrunk
 
 
@@ -160,6 +161,13 @@ def test_drivers_are_found_by_name_or_file(exported):
         make_driver("nobody", Config())
     with pytest.raises(UnusableInput, match=r"'ppo@max_speed=1': a trained policy has no knob; .* --preference"):
         make_driver("ppo@max_speed=1", Config())
+
+
+def test_every_ablation_of_the_study_is_an_arm_that_is_driven_as_it_was_trained():
+    names = [f"ablation_{variant}" for variant in load_study("ablation").variants]
+    assert trained_ablations() == sorted(names)
+    for name in names:  # one ends like the safety filter's mark, and is none
+        assert make_driver(name, Config()).card["training"] == f"ablation: {name.removeprefix('ablation_')}"
 
 
 def test_an_ablation_brings_the_settings_it_was_trained_under(tmp_path):

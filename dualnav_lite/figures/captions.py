@@ -35,8 +35,10 @@ CAPTIONS = {
         "一块电池运行三小时，每个方案一次。虚线：存活所要求的 15 % 电量与 520 个目标。",
     ),
     "ablations": (
-        "Ablations, trained alike, beside the default (square): survival with Wilson intervals, 95 %.",
-        "消融实验：训练方式相同，与默认设置（方块）对照；存活率与 95 % Wilson 区间。",
+        "Ablations, trained alike, beside the default (square): survival with Wilson intervals, 95 %. One training each: the "
+        "intervals are those of these policies, and another training seed may move a point by more.",
+        "消融实验：训练方式相同，与默认设置（方块）对照；存活率与 95 % Wilson 区间。每种只训练一次：区间针对这些策略本身，换一个训练种子"
+        "结果的变化可能更大。",
     ),
     "intervention": (
         "What the battery band does: 15 % minus 100 % of charge, 95 % intervals. Commands are those for the same states with only "
