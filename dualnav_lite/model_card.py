@@ -144,7 +144,7 @@ def policy_lines(rows: pd.DataFrame, reference: Path = REFERENCE) -> list[str]:
     lines = (
         section_lines(
             "The filter",
-            "Points of survival that the filter adds or takes on the same seeds (95 %; phantoms on 5,000: `docs/DECISIONS.md`).",
+            "Points of survival that the filter adds or takes on the same seeds (95 %).",
             paired_lines(rows, [("ppo_filter", "ppo")]),
         )
         if {"ppo", "ppo_filter"} <= set(rows.arm)
