@@ -26,6 +26,8 @@ FLOOR, CEILING = "stand_still", "ceiling"
 BLIND = ("straight", "crawl", "wait_then_straight", "drive_wait_straight")  # know the goal's bearing and the clock
 PUBLISHED = "published"
 TABLES = ("survival", "survival_strict", "paired", "pareto_episodes", "outcomes", "training_seeds")
+ABLATION, ABLATION_DEFAULT = "ablation_", "ablation_default"  # how ablations are called; what they are held against
+ABLATION_TABLES = ("ablations", "ablations_paired")
 TRAINING_COLUMNS = ["scenario", "arm", "training_seeds", "episodes", "survival_rate", "low", "high"]
 
 
@@ -66,8 +68,11 @@ def judge(rows: pd.DataFrame, published: pd.DataFrame, made: Mapping | None = No
             ones, under "published".
 
     Returns:
-        `episodes` (measured) and the tables of `TABLES`, by name.
+        `episodes` (measured) and the tables of `TABLES`, by name; of ablations, which were trained for less and are
+        held against their own default alone, those of `ABLATION_TABLES`.
     """
+    episodes, is_ablation = rows, rows.arm.str.startswith(ABLATION)
+    rows = rows if is_ablation.all() else rows[~is_ablation]
     made, others = made or {}, joined(rows, published)
     order = [scenario for case in all_cases().values() for scenario in case.scenarios]
     order += sorted(set(rows.scenario) - set(order))
@@ -83,14 +88,22 @@ def judge(rows: pd.DataFrame, published: pd.DataFrame, made: Mapping | None = No
     everything = pd.concat([part for part in (rows, others) if len(part)], ignore_index=True)
     strict = both(strict=True)
     return {
-        "episodes": rows,
+        "episodes": episodes,
         "survival": both(strict=False).reset_index(drop=True),
         "survival_strict": strict[strict.scenario.isin(_long_scenarios())].reset_index(drop=True),
         "paired": all_pairs(rows, everything).sort_values("scenario", key=_place(order), kind="stable"),
         "pareto_episodes": pareto_episodes(rows),
         "outcomes": everything.groupby(["scenario", "arm", "outcome"]).size().rename("episodes").reset_index(),
         "training_seeds": over_training_seeds(everything),
-    }
+    } | (ablations(episodes[is_ablation]) if is_ablation.any() else {})
+
+
+def ablations(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """The tables of `ABLATION_TABLES`: rates of ablations, and the default minus each on the same seeds."""
+    arms = sorted(set(rows.arm) - {ABLATION_DEFAULT})
+    pairs = [paired(rows, ABLATION_DEFAULT, arm) for arm in arms] if (rows.arm == ABLATION_DEFAULT).any() else []
+    both = pd.concat(pairs, ignore_index=True) if pairs else pd.DataFrame(columns=PAIRED_COLUMNS)
+    return {"ablations": survival(rows), "ablations_paired": both}
 
 
 def with_published(rows: pd.DataFrame) -> pd.DataFrame:
@@ -183,8 +196,9 @@ def judge_folder(results: str | Path) -> dict[str, pd.DataFrame]:
     tables = judge(rows, published_rows(), made)
     texts = [file.read_text(encoding="utf-8").split("\n", 1) for file in files]
     write_atomic(results / "episodes.csv", texts[0][0] + "\n" + "".join(body for _, body in texts))
-    for name in TABLES:
-        write_atomic(results / f"{name}.csv", csv_text(tables[name]))
+    for name in (*TABLES, *ABLATION_TABLES):
+        if name in tables:
+            write_atomic(results / f"{name}.csv", csv_text(tables[name]))
     return tables
 
 

@@ -48,6 +48,8 @@ TEXTS = {
         "met": "is met by these runs, which a longer series may end",
         "strict": "`{arm}`: {survived} of {episodes} without any contact", "contacts": ", {n} contacts in all",
         "test": "Exact McNemar test; difference of rates in points with Newcombe's interval.",
+        "ablations": "Ablations", "trained": "Policies that were trained alike but for one part, once each and for less than `ppo`, so "
+                     "they are held against `ablation_default` alone.",
     },
     "zh": {
         "title": "压力测试",
@@ -66,6 +68,7 @@ TEXTS = {
         "beaten": "被超过", "missed": "未达到", "open": "尚不能有把握地说被超过", "met": "在这些运行中已达到，但更多次运行可能改变结论",
         "strict": "`{arm}`：{episodes} 次中 {survived} 次无任何接触", "contacts": "，共 {n} 次接触",
         "test": "McNemar 精确检验；存活率之差（百分点）与 Newcombe 区间。",
+        "ablations": "消融实验", "trained": "除一处外训练方式相同的策略，每种只训练一次，训练量少于 `ppo`，因此只与 `ablation_default` 对照。",
     },
 }
 HEADS = {
@@ -123,6 +126,10 @@ def blocks(
     if len(tables["paired"]):
         page += [("h2", say["pairs"]), ("table", PAIRED_HEADER, paired_cells(tables["paired"], language))]
         page.append(("p", say["test"]))
+    if "ablations" in tables:
+        page += [("h2", say["ablations"]), ("p", say["trained"])]
+        page.append(("table", PAIRED_HEADER, paired_cells(tables["ablations_paired"], language)))
+        page += _figures(("ablations",), drawn, language)
     if len(others):
         arms = list(others.arm.unique())
         page += [("h2", say["published"]), ("table", HEADER, survival_cells(others.assign(source=""), arms, language))]

@@ -180,6 +180,31 @@ def test_every_table_is_a_function_of_rows():
         pd.testing.assert_frame_equal(again[name].reset_index(drop=True), tables[name].reset_index(drop=True))
 
 
+def test_ablations_are_held_against_their_default_alone():
+    trained = [
+        ("pop_up", f"ablation_{name}", seed, "goal" if seed < survived else "hit_box")
+        for name, survived in (("default", 8), ("motion_none", 5))
+        for seed in range(10)
+    ]
+    tables = judge(pd.concat([MEASURED, rows(*trained)], ignore_index=True), PUBLISHED)
+    plain = judge(MEASURED, PUBLISHED)
+    for name in ("survival", "survival_strict", "paired", "outcomes"):
+        pd.testing.assert_frame_equal(tables[name], plain[name])
+    assert "ablations" not in plain
+    assert tables["ablations"].set_index("arm").survived.to_dict() == {
+        "ablation_default": 8,
+        "ablation_motion_none": 5,
+    }
+    (pair,) = tables["ablations_paired"].itertuples()
+    assert (pair.arm_a, pair.arm_b, pair.only_a) == ("ablation_default", "ablation_motion_none", 3)
+    alone = judge(rows(*trained), PUBLISHED)
+    assert set(alone["survival"].arm) > {
+        "ablation_default",
+        "ablation_motion_none",
+    }  # asked for by name: they stand there
+    assert len(judge(rows(*trained[10:]), PUBLISHED)["ablations_paired"]) == 0
+
+
 def test_several_training_seeds_get_a_row_of_their_own():
     trained = [("pop_up", "ppo", seed, "goal", {"training_seed": t}) for t in range(3) for seed in range(5)]
     table = judge(rows(*trained), published_rows())["training_seeds"]

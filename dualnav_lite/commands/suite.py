@@ -51,6 +51,8 @@ def show_stress(plan, tables, failed) -> int:
         measured = survival[(survival.source != PUBLISHED) & survival.arm.isin(POLICY_ARMS)]
         missed = any(beside_claim(row) == "missed" for row in measured.itertuples())
         print("\n".join(terminal_lines(survival, tables["survival_strict"])))
+        if "ablations" in tables:
+            print("\nablations, held against ablation_default: ablations.csv, ablations_paired.csv, figure ablations")
         print(f"\nreport.html (report.zh.html), tables, figures and executed notebooks: {plan.out}")
     else:
         print(f"shard {plan.shard} is done: bring the shards' folders together by `merge`")

@@ -208,22 +208,25 @@ def ablations(words: Words, read: Read) -> Figure:
         list(dict.fromkeys(table.scenario)),
         sorted(table.arm.unique(), key=lambda a: (a != "ablation_default", a)),
     )
-    sheet = Sheet(12.6, 0.9 + 0.42 * len(arms) + 1.0)
-    width = 9.2 / len(names)
+    columns, height = min(len(names), 5), 0.42 * len(arms)
+    lines, width = -(-len(names) // columns), 9.2 / columns
+    sheet = Sheet(12.6, (height + 1.4) * lines + 0.6)
     for k, name in enumerate(names):
-        axes = sheet.axes(3.1 + width * k, 0.9, width - 0.45, 0.42 * len(arms))
+        place = 3.1 + width * (k % columns), 0.9 + (height + 1.4) * (k // columns)
+        axes = sheet.axes(*place, width - 0.45, height)
         for y, arm in enumerate(arms):
             for one in table[(table.scenario == name) & (table.arm == arm)].itertuples():
-                colour = COLOURS[1] if arm == "ablation_default" else COLOURS[0]
-                axes.plot([one.wilson_low, one.wilson_high], [y, y], color=colour, linewidth=2.0)
-                axes.plot(one.survival_rate, y, "s" if arm == "ablation_default" else "o", color=colour, markersize=7)
-        title = textwrap.fill(words.title(load_scenario(name)), 14)  # five panels leave each little room
+                is_default = arm == "ablation_default"
+                look = {"color": COLOURS[1 if is_default else 0], "clip_on": False}
+                axes.plot([one.wilson_low, one.wilson_high], [y, y], linewidth=2.0, **look)
+                axes.plot(one.survival_rate, y, "s" if is_default else "o", markersize=7, **look)
+        title = textwrap.fill(words.title(load_scenario(name)), 15)  # five panels leave each little room
         axes.set_title(title, fontsize=SMALL, loc="left", fontweight="normal")
         axes.set(xlim=(0, 1.02), ylim=(len(arms) - 0.4, -0.6))
         axes.set_xticks([0, 0.5, 1], ["0", "50", "100"])
-        axes.set_yticks(range(len(arms)), [a.removeprefix("ablation_") for a in arms] if k == 0 else [])
+        axes.set_yticks(range(len(arms)), [a.removeprefix("ablation_") for a in arms] if k % columns == 0 else [])
         axes.grid(True, axis="x")
-    sheet.text(5.2, 0.42 * len(arms) + 1.7, words("survived, 95 % interval [%]"))
+    sheet.text(5.2, (height + 1.4) * lines + 0.3, words("survived, 95 % interval [%]"))
     return sheet.figure
 
 

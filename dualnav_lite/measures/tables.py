@@ -8,10 +8,10 @@ import pandas as pd
 
 from dualnav_lite.config import UnusableInput, write_atomic
 from dualnav_lite.episodes import SEEDS
-from dualnav_lite.judge import csv_text
+from dualnav_lite.judge import ABLATION_DEFAULT, csv_text
+from dualnav_lite.judge import ablations as ablation_tables
 from dualnav_lite.report import frame_texts
 
-ABLATION_DEFAULT = "ablation_default"
 MOST_ROWS = 60  # of a table that a person reads
 
 
@@ -100,16 +100,13 @@ def ablations(options: Options) -> dict[str, pd.DataFrame]:
     """Every ablation that was trained, beside the default trained alike: `ablations.csv`, `ablations_paired.csv`."""
     from dualnav_lite.drivers import trained_ablations
     from dualnav_lite.evaluate import evaluate
-    from dualnav_lite.survival import paired, survival
 
     arms = list(options.arms or trained_ablations())
     if ABLATION_DEFAULT not in arms:
         raise UnusableInput(f"ablations are held against {ABLATION_DEFAULT}, which is not in models/ablations yet")
     scenarios = options.scenarios or ("navigation", "pop_up", "crowd_crossing", "low_light_phantoms", "comms_dropout")
     rows = evaluate(arms, scenarios, options.seeds(200), options.out / "ablations", jobs=options.jobs)
-    pairs = [paired(rows, ABLATION_DEFAULT, arm) for arm in arms if arm != ABLATION_DEFAULT]
-    tables = {"ablations": survival(rows)}
-    return tables | ({"ablations_paired": pd.concat(pairs, ignore_index=True)} if pairs else {})
+    return ablation_tables(rows)
 
 
 MEASURES: dict[str, Callable[[Options], dict[str, pd.DataFrame]]] = {
