@@ -217,9 +217,9 @@ def ablations(words: Words, read: Read) -> Figure:
         for y, arm in enumerate(arms):
             for one in table[(table.scenario == name) & (table.arm == arm)].itertuples():
                 is_default = arm == "ablation_default"
-                look = {"color": COLOURS[1 if is_default else 0], "clip_on": False}
-                axes.plot([one.wilson_low, one.wilson_high], [y, y], linewidth=2.0, **look)
-                axes.plot(one.survival_rate, y, "s" if is_default else "o", markersize=7, **look)
+                style: dict[str, Any] = {"color": COLOURS[1 if is_default else 0], "clip_on": False}
+                axes.plot([one.wilson_low, one.wilson_high], [y, y], linewidth=2.0, **style)
+                axes.plot(one.survival_rate, y, "s" if is_default else "o", markersize=7, **style)
         title = textwrap.fill(words.title(load_scenario(name)), 15)  # five panels leave each little room
         axes.set_title(title, fontsize=SMALL, loc="left", fontweight="normal")
         axes.set(xlim=(0, 1.02), ylim=(len(arms) - 0.4, -0.6))
