@@ -39,7 +39,7 @@ WHAT = {
 }
 FOLDERS = {
     "ablations": "the arms `ablation_*`: `training/studies/ablation.yaml`, one training each",
-    "trainings": "other trainings: the recipe with other seeds, before and after PPO, and PPO from nothing",
+    "trainings": "the recipe with other training seeds: before PPO (`imitated_`) and after (`record_`)",
 }
 
 
