@@ -14,7 +14,7 @@ usage: python kit.py COMMAND [options]        python kit.py COMMAND --help
   study       one of training/studies again: variants of a training, several seeds each
   beyond      a table from beyond our own world: crowdnav, ...
   measure     fronts, battery band, latency, three hours, ablations, differential evolution: by name
-  claims      the article's claims beside what was measured: docs/CLAIMS.md
+  claims      the article's claims beside what was measured: docs/CLAIMS.md, docs/STUDIES.md
   publish     the published rows of stress_tests/reference again: hours
   bench       speed, with the peers of requirements-bench.txt in the same run
   figures     all figures

@@ -18,6 +18,7 @@ from dualnav_lite.scenario import Scenario
 CHUNK_EPISODES = 50
 CHUNK_LONG_RUNS = 5  # a three-hour run is as long as 700 short ones
 KEY = ("scenario", "arm", "training_seed", "preference", "seed")  # order of the rows in `episodes.csv`
+ABLATION = "ablation_"  # what the arms of `models/ablations` begin with
 PARTS_MARK = "::"  # between an arm and the folder of a student's parts
 NAME_LENGTH = 40  # characters of an arm in a file's name: some are paths, and a name has room for 255 bytes
 

@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from dualnav_lite import embedded
+from dualnav_lite.chunks import ABLATION
 from dualnav_lite.config import ROOT, Config, UnknownName, UnusableInput, with_overrides
 from dualnav_lite.encoder import num_channels
 from dualnav_lite.planners import make_planner
 from dualnav_lite.safety import FilteredDriver
 
 MODEL_FOLDER = ROOT / "models"
+ABLATION_FOLDER = MODEL_FOLDER / "ablations"
 CARD = "card.json"
 
 
@@ -90,7 +92,7 @@ def _flat(block: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 def trained_ablations() -> list[str]:
     """Arm ids of the ablations that are in `models/ablations`."""
-    return sorted(path.stem for path in (MODEL_FOLDER / "ablations").glob("ablation_*.onnx"))
+    return sorted(path.stem for path in ABLATION_FOLDER.glob(f"{ABLATION}*.onnx"))
 
 
 def make_driver(arm_id: str, config: Config | None = None):
@@ -98,24 +100,24 @@ def make_driver(arm_id: str, config: Config | None = None):
 
     Args:
         arm_id: `ppo` (the shipped policy), `ablation_*`, the path of an exported policy, or one of `planners.ARMS`;
-            with `_filter` behind it, the same behind the safety filter, but for ablations, which are driven as they are
-            (one is called `ablation_intensity_filter`).
+            with `_filter` behind it, the same behind the safety filter. Ablations are driven as they are, whatever
+            their names end in.
         config: the one the worlds run with; it must fit the policy's observation. An ablation brings its own.
 
     Raises:
         UnusableInput: an unknown arm, a missing or unusable file, a config that does not fit.
     """
-    is_ablation = arm_id.startswith("ablation_")
-    if arm_id.endswith("_filter") and not is_ablation:
+    if arm_id.startswith(("ppo@", ABLATION)) and "@" in arm_id:
+        raise UnusableInput(f"arm '{arm_id}': a trained policy has no knob; its trade-off is --preference")
+    if arm_id.startswith(ABLATION):
+        return EmbeddedPolicy(_existing(ABLATION_FOLDER / f"{arm_id}.onnx"))
+    if arm_id.endswith("_filter"):
         return FilteredDriver(make_driver(arm_id.removesuffix("_filter"), config), config or Config())
     if arm_id.endswith((".onnx", ".pt")):
         return EmbeddedPolicy(_existing(arm_id), config)
-    if arm_id.startswith(("ppo@", "ablation_")) and "@" in arm_id:
-        raise UnusableInput(f"arm '{arm_id}': a trained policy has no knob; its trade-off is --preference")
-    if arm_id != "ppo" and not is_ablation:
-        return make_planner(arm_id, config)
-    path = MODEL_FOLDER / "ablations" / f"{arm_id}.onnx" if is_ablation else MODEL_FOLDER / "ppo_actor.onnx"
-    return EmbeddedPolicy(_existing(path), None if is_ablation else config)
+    if arm_id == "ppo":
+        return EmbeddedPolicy(_existing(MODEL_FOLDER / "ppo_actor.onnx"), config)
+    return make_planner(arm_id, config)
 
 
 def _existing(path: str | Path) -> Path:

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from dualnav_lite.cases import all_cases
+from dualnav_lite.chunks import ABLATION
 from dualnav_lite.config import UnusableInput, write_atomic
 from dualnav_lite.episodes import COLUMNS
 from dualnav_lite.metrics import bootstrap_rate
@@ -26,7 +27,7 @@ FLOOR, CEILING = "stand_still", "ceiling"
 BLIND = ("straight", "crawl", "wait_then_straight", "drive_wait_straight")  # know the goal's bearing and the clock
 PUBLISHED = "published"
 TABLES = ("survival", "survival_strict", "paired", "pareto_episodes", "outcomes", "training_seeds")
-ABLATION, ABLATION_DEFAULT = "ablation_", "ablation_default"  # how ablations are called; what they are held against
+ABLATION_DEFAULT = f"{ABLATION}default"  # what the others are held against
 ABLATION_TABLES = ("ablations", "ablations_paired")
 TRAINING_COLUMNS = ["scenario", "arm", "training_seeds", "episodes", "survival_rate", "low", "high"]
 

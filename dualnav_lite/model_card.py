@@ -55,7 +55,8 @@ def files_table(folder: Path) -> list[str]:
     for name, what in FOLDERS.items():
         sizes = [path.stat().st_size for path in (folder / name).glob("*.onnx")]
         if sizes:
-            lines.append(f"| `{name}/*.onnx` | {what} | at most {max(sizes) / 1e6:.2f} | {len(sizes)} files |")
+            count = f"{len(sizes)} file{'s' * (len(sizes) > 1)}"
+            lines.append(f"| `{name}/*.onnx` | {what} | at most {max(sizes) / 1e6:.2f} | {count} |")
     return lines
 
 

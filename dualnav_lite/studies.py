@@ -10,15 +10,13 @@ from tqdm import tqdm
 
 from dualnav_lite.config import Frozen, UnusableInput, read_yaml, validated, write_atomic
 from dualnav_lite.curriculum import Training, resolved_config, runs_folder, scenarios_of
-from dualnav_lite.drivers import MODEL_FOLDER, EmbeddedPolicy
+from dualnav_lite.drivers import ABLATION_FOLDER, EmbeddedPolicy
 from dualnav_lite.episodes import SEEDS
 from dualnav_lite.evaluate import evaluate
 from dualnav_lite.judge import csv_text
 from dualnav_lite.study_tables import COLUMNS, FOLDER, in_order, read_studies
 from dualnav_lite.survival import survival
 from dualnav_lite.train import Trainer
-
-ARMS_FOLDER = MODEL_FOLDER / "ablations"
 
 
 class Variant(Frozen):
@@ -139,5 +137,5 @@ def run_study(name: str, out: str | Path, jobs: int = 1) -> pd.DataFrame:
     if study.arms:
         for variant in study.variants:
             policy = _folder(name, variant, study.seeds[0]) / "ppo_actor.onnx"
-            write_atomic(ARMS_FOLDER / f"{title}_{variant}.onnx", policy.read_bytes())
+            write_atomic(ABLATION_FOLDER / f"{title}_{variant}.onnx", policy.read_bytes())
     return own

@@ -89,9 +89,10 @@ class Trainer:
             UnusableInput: no stage of that name; the folder refuses, as when the disk is full.
         """
         names = [stage.name for stage in self.training.stages]
-        if until and until not in names:
+        last = until or names[-1]
+        if last not in names:
             raise UnusableInput(f"no stage '{until}'; the training has {', '.join(names)}")
-        for stage in self.training.stages[: names.index(until) + 1 if until else None]:
+        for stage in self.training.stages[: names.index(last) + 1]:
             done = self.folder / f"{stage.name}.done.pth"
             if done.exists():
                 kept = load_weights(done)
@@ -103,10 +104,9 @@ class Trainer:
             {"imitate": self._imitate, "ppo": self._ppo}[stage.kind](stage)
             save_weights(done, {"actor": self.actor.state_dict(), "critic": self.critic.state_dict()})
             self.log.say(f"stage '{stage.name}' done in {(time.monotonic() - begin) / 60:.1f} min")
-        if until:
-            return self.actor
-        save_weights(self.folder / "actor.pth", self.actor.state_dict())
-        save_weights(self.folder / "critic.pth", self.critic.state_dict())
+        if last == names[-1]:
+            save_weights(self.folder / "actor.pth", self.actor.state_dict())
+            save_weights(self.folder / "critic.pth", self.critic.state_dict())
         return self.actor
 
     def _imitate(self, stage: Stage) -> None:

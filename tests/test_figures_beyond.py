@@ -8,6 +8,7 @@ from dualnav_lite import figures
 from dualnav_lite.beyond.algorithms import COLUMNS as ALGORITHM_COLUMNS
 from dualnav_lite.beyond.fleet_drive import COLUMNS as FLEET_COLUMNS
 from dualnav_lite.beyond.highway_agent import COLUMNS as HIGHWAY_COLUMNS
+from dualnav_lite.config import UnusableInput
 from dualnav_lite.figures.results import APART, make_result_figures
 from dualnav_lite.study_tables import COLUMNS as STUDY_COLUMNS
 
@@ -63,3 +64,11 @@ def test_a_report_of_stress_scenarios_does_not_draw_them(tmp_path):
     assert not drawn & set(APART)
     (asked,) = make_result_figures(tmp_path / "results", names=["fleet"], **settings)
     assert asked.stem == "fleet"
+
+
+def test_studies_of_one_training_seed_have_no_figure_and_say_so(tmp_path):
+    TABLES["studies"].query("training_seed == 0").to_csv(tmp_path / "studies.csv", index=False)
+    settings = {"formats": ("png",), "reference": tmp_path / "nowhere"}
+    with pytest.raises(UnusableInput, match=r"figure 'studies': studies\.csv holds nothing that it could show"):
+        make_result_figures(tmp_path, names=["studies"], **settings)
+    assert "studies.png" not in {path.name for path in make_result_figures(tmp_path, **settings)}

@@ -206,7 +206,7 @@ def test_an_unknown_measurement_is_named_with_the_known_ones(tmp_path):
 
 
 def test_ablations_need_the_default_that_they_are_held_against(tmp_path, monkeypatch):
-    monkeypatch.setattr(drivers, "MODEL_FOLDER", tmp_path)
+    monkeypatch.setattr(drivers, "ABLATION_FOLDER", tmp_path)
     with pytest.raises(UnusableInput, match="ablation_default"):
         run("ablations", options(tmp_path))
 

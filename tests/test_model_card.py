@@ -50,7 +50,7 @@ def test_the_card_says_what_files_log_and_rows_hold(parts):
     assert "commit abc1234, 32 minutes" in text
     assert "`ppo_actor.onnx`" in text
     assert "`ppo_critic.pth`" not in text  # is not there
-    assert "one training each | at most 2.28 | 1 files |" in text
+    assert "one training each | at most 2.28 | 1 file |" in text
     assert "| Pop-up obstacle | 92% | 3 of 4 | 19.4% to 99.4% |" in (models.parent / "README.md").read_text("utf-8")
     assert "| 突现障碍 | 92% | 4 次中 3 次 |" in (models.parent / "README.zh-CN.md").read_text("utf-8")
 

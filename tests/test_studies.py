@@ -77,7 +77,7 @@ def test_a_study_trains_and_judges_every_variant_and_goes_on_where_it_was(tmp_pa
 
 def test_a_study_s_policies_become_arms(tmp_path, monkeypatch):
     monkeypatch.setenv("DUALNAV_RUNS", str(tmp_path / "runs"))
-    monkeypatch.setattr("dualnav_lite.studies.ARMS_FOLDER", tmp_path / "ablations")
+    monkeypatch.setattr("dualnav_lite.studies.ABLATION_FOLDER", tmp_path / "ablations")
     run_study(written(tmp_path, {"arms": True}), tmp_path / "out")
     made = sorted((tmp_path / "ablations").glob("*.onnx"))
     assert [path.stem for path in made] == ["tiny_with", "tiny_without"]

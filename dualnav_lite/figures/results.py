@@ -1,6 +1,5 @@
 """Figures of results: each a pure function of the tables in a results folder, or else of the published ones."""
 
-import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from dualnav_lite.figures import FORMATS, LANGUAGES, _check, _save, questions, r
 from dualnav_lite.figures.beyond import BEYOND
 from dualnav_lite.figures.captions import caption_lines
 from dualnav_lite.figures.sheet import COLOURS, MARKERS, QUIET, SMALL, Read, Sheet, Words
-from dualnav_lite.figures.studies import studies
+from dualnav_lite.figures.studies import ablations, studies
 from dualnav_lite.judge import PUBLISHED, REFERENCE, bounds
 from dualnav_lite.pareto import reference_point
 from dualnav_lite.scenario import load_scenario
@@ -201,37 +200,9 @@ def battery_hours(words: Words, read: Read) -> Figure:
     return sheet.figure
 
 
-def ablations(words: Words, read: Read) -> Figure:
-    """Rate of each ablation beside `ablation_default`, trained alike, with intervals."""
-    table = read("ablations")
-    names, arms = (
-        list(dict.fromkeys(table.scenario)),
-        sorted(table.arm.unique(), key=lambda a: (a != "ablation_default", a)),
-    )
-    columns, height = min(len(names), 5), 0.42 * len(arms)
-    lines, width = -(-len(names) // columns), 9.2 / columns
-    sheet = Sheet(12.6, (height + 1.4) * lines + 0.6)
-    for k, name in enumerate(names):
-        place = 3.1 + width * (k % columns), 0.9 + (height + 1.4) * (k // columns)
-        axes = sheet.axes(*place, width - 0.45, height)
-        for y, arm in enumerate(arms):
-            for one in table[(table.scenario == name) & (table.arm == arm)].itertuples():
-                is_default = arm == "ablation_default"
-                style: dict[str, Any] = {"color": COLOURS[1 if is_default else 0], "clip_on": False}
-                axes.plot([one.wilson_low, one.wilson_high], [y, y], linewidth=2.0, **style)
-                axes.plot(one.survival_rate, y, "s" if is_default else "o", markersize=7, **style)
-        title = textwrap.fill(words.title(load_scenario(name)), 15)  # five panels leave each little room
-        axes.set_title(title, fontsize=SMALL, loc="left", fontweight="normal")
-        axes.set(xlim=(0, 1.02), ylim=(len(arms) - 0.4, -0.6))
-        axes.set_xticks([0, 0.5, 1], ["0", "50", "100"])
-        axes.set_yticks(range(len(arms)), [a.removeprefix("ablation_") for a in arms] if k % columns == 0 else [])
-        axes.grid(True, axis="x")
-    sheet.text(5.2, (height + 1.4) * lines + 0.3, words("survived, 95 % interval [%]"))
-    return sheet.figure
-
-
-# Name of a figure, the tables it needs, and who draws it.
-RESULTS: dict[str, tuple[tuple[str, ...], Callable[[Words, Read], Figure]]] = {
+Known = dict[str, tuple[tuple[str, ...], Callable[[Words, Read], Figure | None]]]
+# Name of a figure, the tables it needs, and who draws it: None where they hold nothing that it could show.
+RESULTS: Known = {
     "survival": (("survival",), survival),
     "fronts": (("pareto",), fronts),
     "runs": (("pareto_episodes",), cloud),
@@ -246,7 +217,7 @@ RESULTS: dict[str, tuple[tuple[str, ...], Callable[[Words, Read], Figure]]] = {
 }
 
 # Drawn where its table stands in the folder, or when asked: a report of the stress scenarios has no use for these.
-APART = BEYOND | {"studies": (("studies",), studies)}
+APART: Known = {**BEYOND, "studies": (("studies",), studies)}
 
 
 def table_path(name: str, results: Path, reference: Path = REFERENCE) -> Path | None:
@@ -296,6 +267,10 @@ def make_result_figures(
             if missing or (needed and read(needed[0]).empty):
                 continue
             figure, ending = draw(Words(language), read), ".zh" if language == "zh" else ""
+            if figure is None:
+                if names:
+                    raise UnusableInput(f"figure '{name}': {needed[0]}.csv holds nothing that it could show")
+                continue
             drawn.append(name)
             written += [_save(figure, folder, f"{name}{ending}.{kind}", kind) for kind in formats]
     write_atomic(folder / f"captions{'.zh' if language == 'zh' else ''}.md", caption_lines(drawn, language))
