@@ -156,8 +156,8 @@ def policy_lines(rows: pd.DataFrame, reference: Path = REFERENCE) -> list[str]:
         lines += section_lines(
             "Other trainings",
             "The same seeds for every policy of `trainings/`: the recipe with other training seeds, before PPO\n"
-            "(`imitated_`) and after (`record_`), and PPO from nothing. Below, what PPO adds to imitation, in points\n"
-            "(95 %).",
+            "(`imitated_`) and after (`record_`). Below, what PPO changes (95 %): points of survival, then what\n"
+            "a run takes, over the seeds that both policies survive.",
             training_lines(read_episodes(trainings), rows),
         )
     for name, title, told, table in (

@@ -4,12 +4,14 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import pandas as pd
+from scipy import stats
 
 from dualnav_lite.report import markdown
-from dualnav_lite.survival import paired, survival
+from dualnav_lite.survival import paired, survival, survived
 
 SHIPPED = "ppo"
 OBJECTIVES = {"energy_j_per_goal": ("energy a goal [J]", ".0f"), "safe_dist_m": ("least clearance [m]", ".2f")}
+COSTS = {"time_s": ("s", ".2f"), "energy_j": ("J", ".1f")}
 BAND = "command |v| on the same states [m/s]"
 
 
@@ -28,6 +30,35 @@ def _points(row) -> str:
     return f"{100 * row.difference:+.1f} ({100 * row.low:+.1f} to {100 * row.high:+.1f})"
 
 
+def cost_lines(rows: pd.DataFrame, pairs: Iterable[tuple[str, str]]) -> list[str]:
+    """A line a scenario: what each pair's first arm takes more than its second, over the seeds that both survive.
+
+    Args:
+        rows: episodes, one a scenario, arm and seed.
+        pairs: two arms each.
+
+    Returns:
+        Lines; time [s] and energy [J] of a run, means with 95 % by Student's t.
+    """
+    kept = rows[survived(rows)].set_index(["scenario", "arm", "seed"])[list(COSTS)]
+    cells = {scenario: [scenario] for scenario in sorted(rows.scenario.unique())}
+    heads = ["scenario"]
+    for a, b in pairs:
+        change = (kept.xs(a, level="arm") - kept.xs(b, level="arm")).dropna()
+        for name, (unit, digits) in COSTS.items():
+            heads.append(f"`{a}` minus `{b}` [{unit}]")
+            for scenario, line in cells.items():
+                line.append(_mean(change.loc[change.index.get_level_values("scenario") == scenario, name], digits))
+    return markdown(heads, [line for line in cells.values() if any(line[1:])])
+
+
+def _mean(values: pd.Series, digits: str) -> str:
+    if len(values) < 2:
+        return ""
+    mean, margin = values.mean(), stats.t.ppf(0.975, len(values) - 1) * stats.sem(values)
+    return " ".join((format(mean, "+" + digits), f"({mean - margin:+{digits}} to {mean + margin:+{digits}})"))
+
+
 def training_lines(rows: pd.DataFrame, shipped: pd.DataFrame) -> list[str]:
     """A line a scenario: how many of the same seeds each policy of `models/trainings` survives, the shipped one first.
 
@@ -36,7 +67,8 @@ def training_lines(rows: pd.DataFrame, shipped: pd.DataFrame) -> list[str]:
         shipped: episodes of `ppo` among others.
 
     Returns:
-        Lines; after the counts, PPO minus imitation for each training that has both (`record_X`, `imitated_X`).
+        Lines; after the counts, PPO minus imitation for each training that has both (`record_X`, `imitated_X`): in
+        points of survival, then what a survived run takes.
     """
     rows = pd.concat([shipped[shipped.arm == SHIPPED], rows.assign(arm=rows.arm.map(lambda arm: Path(arm).stem))])
     table = survival(rows)
@@ -48,7 +80,7 @@ def training_lines(rows: pd.DataFrame, shipped: pd.DataFrame) -> list[str]:
     ]
     both = [(f"record_{name}", f"imitated_{name}") for name in _names(arms, "record_") if f"imitated_{name}" in arms]
     lines = markdown(["scenario", *(f"`{arm}`" for arm in arms)], cells)
-    return [*lines, "", *paired_lines(rows, both)] if both else lines
+    return [*lines, "", *paired_lines(rows, both), "", *cost_lines(rows, both)] if both else lines
 
 
 def _names(arms, start: str) -> list[str]:

@@ -3,7 +3,7 @@ import pandas as pd
 
 from dualnav_lite.episodes import COLUMNS
 from dualnav_lite.pareto import trade
-from dualnav_lite.policy_tables import band_lines, paired_lines, preference_lines, training_lines
+from dualnav_lite.policy_tables import band_lines, cost_lines, paired_lines, preference_lines, training_lines
 from dualnav_lite.survival import rows_of
 
 
@@ -30,15 +30,17 @@ def test_trainings_stand_beside_the_shipped_policy_and_ppo_beside_what_it_began_
     shipped = rows_of(runs("ppo", 9) + runs("ppo_filter", 10) + runs("ppo", 9, scenario="navigation"))
     folder = "models/trainings"
     rows = rows_of(
-        runs(f"{folder}/record_seed1.onnx", 8)
-        + runs(f"{folder}/imitated_seed1.onnx", 5)
+        runs(f"{folder}/record_seed1.onnx", 8, time_s=9.5, energy_j=31.0)
+        + runs(f"{folder}/imitated_seed1.onnx", 5, time_s=10.0)
         + runs(f"{folder}/from_nothing.onnx", 1)
     )
-    head, _, counts, _, pairs, _, difference = training_lines(rows, shipped)
+    head, _, counts, _, pairs, _, difference, _, costs, _, cost = training_lines(rows, shipped)
     assert cells(head) == ["scenario", "`ppo`", "`from_nothing`", "`imitated_seed1`", "`record_seed1`"]
     assert cells(counts) == ["pop_up", "9 of 10", "1 of 10", "5 of 10", "8 of 10"]  # no line for what only `ppo` ran
     assert cells(pairs) == ["scenario", "`record_seed1` minus `imitated_seed1`"]
     assert cells(difference)[1].startswith("+30.0 (")
+    assert cells(costs)[2] == "`record_seed1` minus `imitated_seed1` [J]"
+    assert cells(cost) == ["pop_up", "-0.50 (-0.50 to -0.50)", "+1.0 (+1.0 to +1.0)"]
     assert len(training_lines(rows[rows.arm.str.contains("nothing")], shipped)) == 3
 
 
@@ -50,6 +52,14 @@ def test_pairs_that_a_scenario_lacks_leave_its_cell_empty():
     assert lines[2][2].startswith("+20.0 (")
     assert lines[3][2] == ""
     assert lines[3][1].startswith("+10.0 (")
+
+
+def test_what_a_run_takes_is_compared_on_seeds_that_both_survive_alone():
+    slow = rows_of(runs("a", 2, episodes=2) + runs("b", 2, episodes=3))
+    times = slow.assign(time_s=[9.0, 13.0, 8.0, 10.0, 700.0])  # b is hit in its third run, which took long
+    cell = cells(cost_lines(times, [("a", "b")])[2])[1]
+    assert cell == "+2.00 (-10.71 to +14.71)"  # 1 and 3: t of one degree 12.706, error of the mean 1
+    assert len(cost_lines(times[times.seed == 0], [("a", "b")])) == 2  # one seed tells no interval
 
 
 def test_what_the_bands_change_is_read_from_their_tables():
