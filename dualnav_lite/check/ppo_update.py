@@ -143,6 +143,10 @@ def the_generator_gives_the_order(mine):
     first, second = (_updated(mine, claim)[0] for _ in range(2))
     hint = Text("mix by `rng.permutation`, and by nothing else", "只用 `rng.permutation` 打乱次序")
     hold(claim, _gap(first, second) < 1e-6, "", "0", _gap(first, second), hint)
+    claim = Text("another generator gives another order", "另一个随机数生成器给出另一种次序")
+    gap = _gap(first, _updated(mine, claim, rng=np.random.default_rng(1))[0])
+    hint = Text("put the samples into a new order, `rng.permutation(N)`", "用 `rng.permutation(N)` 打乱样本的次序")
+    hold(claim, gap > 1e-6, "", "> 0", gap, hint)
 
 
 def advantages_are_normalised(mine):
@@ -207,6 +211,24 @@ def numbers_say_what_happened(mine):
     hold(claim, finite, "", "", numbers)
 
 
+def the_divergence_is_a_mean_before_the_step(mine):
+    claim = Text(
+        "one minibatch, 21 epochs: approx_kl is the mean of r - 1 - ln r after 20 steps",
+        "一个小批量、21 轮：approx_kl 是走 20 步之后 r - 1 - ln r 的平均",
+    )
+    settings = SETTINGS.model_copy(update={"minibatch": 48, "epochs": 20})
+    actor, _, _, batch, _ = _updated(mine, claim, settings)
+    numbers = _updated(mine, claim, settings.model_copy(update={"epochs": 21}))[4]
+    with torch.no_grad():
+        change = actor.head.judge(actor(batch.observations), batch.actions)[0] - batch.log_probs
+    wanted, told = float((torch.expm1(change) - change).mean()), float(numbers["approx_kl"])
+    hint = Text(
+        "r is the new probability over the old one; take the mean before the step, over the minibatch",
+        "r 是新概率除以旧概率；在更新之前、在小批量上取平均",
+    )
+    hold(claim, abs(told - wanted) < 0.01 * wanted, "", wanted, told, hint)
+
+
 def the_batch_stays_as_it_was(mine):
     claim = Text("the batch is the same afterwards", "更新后批数据保持不变")
     _, _, _, fresh = a_problem()
@@ -227,6 +249,7 @@ PROPERTIES = [
     gradients_are_clipped,
     it_stops_where_the_policy_has_moved_too_far,
     numbers_say_what_happened,
+    the_divergence_is_a_mean_before_the_step,
     the_batch_stays_as_it_was,
     entropy_is_worth_something,
 ]

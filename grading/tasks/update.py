@@ -1,6 +1,7 @@
 """`update`: the parameters that a linear policy and linear values have afterwards, gradients worked out by hand.
 
-The generator that is handed over gives every permutation in order, so that minibatches are the same for everybody.
+The generator that is handed over deals the samples onto piles, as a rule one: in order. So minibatches are the same for
+everybody; where there are more, one epoch is asked for, since `permutation` and `shuffle` part ways in the second.
 """
 
 import numpy as np
@@ -50,8 +51,9 @@ def _right(batch, rule, policy_steps=10**9, ddof=0):
     """
     actor, critic = (batch["actor_weights"], batch["actor_bias"]), (batch["critic_weights"], batch["critic_bias"])
     steps, told, loss = 0, [0.0] * 3, 0.0
+    order = np.concatenate([np.arange(len(batch["actions"]))[pile :: rule["piles"]] for pile in range(rule["piles"])])
     for _ in range(int(rule["epochs"])):
-        for rows in np.split(np.arange(len(batch["actions"])), len(batch["actions"]) // int(rule["minibatch"])):
+        for rows in np.split(order, len(order) // int(rule["minibatch"])):
             if steps < policy_steps:
                 *actor, told = _policy_step(*actor, batch, rows, rule, ddof)
                 steps += 1
@@ -89,10 +91,12 @@ def questions(rng: np.random.Generator) -> list[Question]:
 
     def ask(hint, share, samples=24, tells=False, **changes):
         batch = _a_batch(rng, samples)
+        if tells:  # the policy that drove was another one: every way to measure the distance to itself gives 0
+            batch["log_probs"] += 0.15 * rng.normal(size=samples)
         rule = {"epochs": 1, "minibatch": samples, "clip_range": 0.2, "entropy_coef": 0.0, "max_gradient_norm": 1e3}
-        rule |= {"target_kl": 1e3} | changes
-        right, numbers = _right(batch, rule)
-        other = {"actor": [_right(batch, rule, ddof=1)[0]["actor"]]}
+        rule |= {"target_kl": 1e3, "piles": 1, "tells": tells} | changes
+        (right, numbers), (too, numbers_too) = (_right(batch, rule, ddof=ddof) for ddof in (0, 1))
+        other = {"actor": [too["actor"]], "numbers": [numbers_too]}
         arrays = batch | {name: np.array(float(value)) for name, value in rule.items()}
         return Question(hint, arrays, right | ({"numbers": numbers} if tells else {}), share, 1e-5, also, other)
 
@@ -100,16 +104,17 @@ def questions(rng: np.random.Generator) -> list[Question]:
         """Each epoch is one minibatch, and the first step goes too far: no second one, or one before it shows."""
         batch = _a_batch(rng, 24)
         rule = {"epochs": 12, "minibatch": 24, "clip_range": 0.2, "entropy_coef": 0.0, "max_gradient_norm": 1e3}
-        rule |= {"target_kl": 1e-7}
+        rule |= {"target_kl": 1e-7, "piles": 1, "tells": False}
         right, *others = (_right(batch, rule, steps, ddof)[0]["actor"] for steps in (1, 2) for ddof in (0, 1))
         arrays = batch | {name: np.array(float(value)) for name, value in rule.items()}
         return Question("brake_where_it_moved_too_far", arrays, {"actor": right}, share, 1e-5, other={"actor": others})
 
     return [
-        ask("one_step_down_the_loss", 0.2, tells=True),
+        ask("one_step_down_the_loss", 0.2, clip_range=0.5, tells=True),
         ask("entropy_is_worth_something", 0.1, entropy_coef=0.5),
         ask("several_epochs", 0.2, epochs=4, clip_range=0.1),
-        ask("minibatches_one_after_the_other", 0.2, samples=36, minibatch=12, epochs=2),
+        ask("minibatches_one_after_the_other", 0.1, samples=36, minibatch=12, epochs=2),
+        ask("samples_in_a_new_order", 0.1, samples=36, minibatch=12, piles=5),
         ask("gradients_are_cut", 0.15, max_gradient_norm=0.02),
         brake(0.15),
     ]
