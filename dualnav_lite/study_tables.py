@@ -94,7 +94,7 @@ def in_order(rows: pd.DataFrame) -> pd.DataFrame:
 def _points(value: float, low: float, high: float, sign: str = "") -> str:
     if pd.isna(value):
         return ""
-    interval = "" if pd.isna(low) else f" ({100 * low:{sign}.0f} to {100 * high:{sign}.0f})"
+    interval = "" if pd.isna(low) else f" ({100 * low:{sign}.1f} to {100 * high:{sign}.1f})"
     return f"{100 * value:{sign}.1f}{interval}"
 
 
