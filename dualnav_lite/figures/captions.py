@@ -64,8 +64,9 @@ CAPTIONS = {
     ),
     "studies": (
         "Variants of one training, judged on the same tuning seeds: a stroke a training seed, a mark their mean, "
-        "with its 95 % interval by Student's t. The first variant is what the others are held against.",
-        "同一训练的不同变体，在相同的调参种子上评判：竖线为单个训练种子，标记为其均值，横线为 Student t 的 95 % 区间。第一个变体为对照。",
+        "with its 95 % interval by Student's t. The first variant is what the others are held against. "
+        "Axes begin at different rates.",
+        "同一训练的不同变体，在相同的调参种子上评判：竖线为单个训练种子，标记为其均值，横线为 Student t 的 95 % 区间。第一个变体为对照。各图横轴起点不同。",
     ),
     "traffic": (
         "Traffic of highway-env: energy of a journey of 300 m over the least gap to another car, means with 95 % intervals. "

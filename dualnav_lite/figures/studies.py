@@ -87,6 +87,7 @@ def _panel(axes, name, rows, scenarios) -> None:
             axes.hlines(height, 100 * mean.low, 100 * mean.high, color=COLOURS[k], linewidth=1.6)
             axes.plot(100 * mean.mean_rate, height, marker=MARKERS[k], markersize=7, **look)
     axes.set_yticks(range(len(variants)), variants)
-    axes.set(xlim=(0, 100), ylim=(len(variants) - 0.5, -0.5))
+    least = 100 * min(rows.survival_rate.min(), means.low.min())
+    axes.set(xlim=(max(0, 20 * ((least - 2) // 20)), 100), ylim=(len(variants) - 0.5, -0.5))
     axes.set_title(name, fontsize=SMALL, loc="left")
     axes.grid(True, axis="x")
