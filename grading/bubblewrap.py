@@ -49,7 +49,7 @@ def mounts(folder: Path, packages: Path | None, limits: Limits) -> list[str]:
         for parent in reversed(Path(path).parents[:-1]):  # else bubblewrap makes them for root's eyes alone
             options += ["--perms", "0755", "--dir", str(parent)]
         if os.path.islink(path):
-            options += ["--symlink", os.readlink(path), path]
+            options += ["--symlink", os.path.realpath(path), path]
         else:
             options += ["--ro-bind", path, path]
     for path in hidden_copies():

@@ -13,8 +13,9 @@ DEVICES = ["/dev/null", "/dev/zero", "/dev/urandom", "/dev/random"]
 
 
 def system_folders() -> list[str]:
-    """Folders that an interpreter and its packages need, seen at their own places."""
-    wanted = ["/usr", "/lib", "/lib64", "/lib32", "/bin", "/etc/ld.so.cache", sys.base_prefix, sys.prefix]
+    """Folders that an interpreter and its packages need, seen at their own places; of a link where it leads as well."""
+    wanted = ["/usr", "/lib", "/lib64", "/lib32", "/bin", "/etc/ld.so.cache"]
+    wanted += [place for prefix in (sys.base_prefix, sys.prefix) for place in (prefix, os.path.realpath(prefix))]
     kept: list[str] = []
     for path in sorted(set(wanted), key=len):
         inside = any(Path(path).is_relative_to(other) and not os.path.islink(other) for other in kept)

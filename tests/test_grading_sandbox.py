@@ -122,6 +122,19 @@ wire.Connection(client).send(wire.pack("hello", 0, "", {"cores": numpy.array(sor
     assert arrays["cores"].tolist() == expected
 
 
+@pytest.mark.parametrize("tier", ["A", "B"])
+def test_an_environment_behind_links_grades_as_well(tier, tmp_path, monkeypatch):
+    works(tier)
+    (tmp_path / "between").symlink_to(sys.prefix)
+    link = tmp_path / ".venv"
+    link.symlink_to("between")
+    monkeypatch.setattr(sys, "executable", str(link / Path(sys.executable).relative_to(sys.prefix)))
+    monkeypatch.setattr(sys, "prefix", str(link))
+    source = SERVING.replace(b"import os, sys", b"import os, sys, numpy")
+    with Sandbox(Job(brought={"run.py": source}, program="run.py"), tier) as sandbox:
+        sandbox.accept(60, 1 << 20)
+
+
 def test_installed_copies_of_the_kit_are_hidden_and_nothing_of_the_graders_is_shown(tmp_path, monkeypatch):
     within = Path("lib") / "python3.11" / "site-packages" / "dualnav_lite"
     installed = [tmp_path / within, tmp_path / "envs" / "other" / within]  # the second as conda has them
