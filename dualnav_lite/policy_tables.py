@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import pandas as pd
-from scipy import stats
 
+from dualnav_lite.metrics import t_interval
 from dualnav_lite.report import markdown
 from dualnav_lite.survival import paired, survival, survived
 
@@ -55,8 +55,8 @@ def cost_lines(rows: pd.DataFrame, pairs: Iterable[tuple[str, str]]) -> list[str
 def _mean(values: pd.Series, digits: str) -> str:
     if len(values) < 2:
         return ""
-    mean, margin = values.mean(), stats.t.ppf(0.975, len(values) - 1) * stats.sem(values)
-    return " ".join((format(mean, "+" + digits), f"({mean - margin:+{digits}} to {mean + margin:+{digits}})"))
+    mean, low, high = (format(value, "+" + digits) for value in t_interval(values))
+    return f"{mean} ({low} to {high})"
 
 
 def training_lines(rows: pd.DataFrame, shipped: pd.DataFrame) -> list[str]:

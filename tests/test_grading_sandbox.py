@@ -145,6 +145,11 @@ def test_installed_copies_of_the_kit_are_hidden_and_nothing_of_the_graders_is_sh
     with pytest.raises(UnusableInput, match="submissions can read"):
         shown.refuse_shown(tmp_path / "key")
     monkeypatch.undo()
+    (tmp_path / "link").symlink_to(tmp_path / "envs" / "other")
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / "link"))
+    assert str(installed[1]) in shown.hidden_copies()  # where it is mounted: a link leads there
+    assert {str(tmp_path / "link"), str(tmp_path / "envs" / "other")} <= set(shown.system_folders())
+    monkeypatch.undo()
     shown.refuse_shown(tmp_path, PACKAGE.parent)
 
 
